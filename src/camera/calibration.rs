@@ -1,0 +1,243 @@
+//! The calibration file (`calib/*.toml`): a pinhole camera with Brown-Conrady distortion and the plane it
+//! measures in, or just a scale for a quick start.
+
+use std::path::Path;
+
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+
+use crate::camera::View;
+use crate::error::{Error, Result};
+use crate::tomlfile;
+
+/// A camera's calibration as read from its file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// The name given in the file.
+    pub name: String,
+    /// How pixels map to the plane.
+    pub mapping: Mapping,
+    /// Where the laser axis lies, seen from the camera axis, where it is known.
+    pub laser: Option<Laser>,
+}
+
+/// How pixels map to millimetres in the measuring plane.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Mapping {
+    /// Pinhole with distortion, then a homography onto the plane.
+    Pinhole {
+        /// The lens.
+        lens: Lens,
+        /// Undistorted normalised image (x, y, 1) → plane in mm.
+        homography_mm: Matrix3<f64>,
+    },
+    /// A plain scale: the camera axis goes through the frame's middle and v down is -Y.
+    Scale {
+        /// Size of a pixel in the plane.
+        mm_per_px: f64,
+        /// Turn of the picture's u axis against machine X, counter-clockwise.
+        rotation_deg: f64,
+    },
+}
+
+/// Pinhole intrinsics and Brown-Conrady distortion, in OpenCV's order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Frame width the calibration holds for.
+    pub width_px: u32,
+    /// Frame height the calibration holds for.
+    pub height_px: u32,
+    /// Focal length along u.
+    pub fx_px: f64,
+    /// Focal length along v.
+    pub fy_px: f64,
+    /// Principal point, u.
+    pub cx_px: f64,
+    /// Principal point, v.
+    pub cy_px: f64,
+    /// k1, k2, p1, p2, k3; missing ones are zero.
+    #[serde(default)]
+    pub distortion: [f64; 5],
+}
+
+/// The laser axis seen from the camera axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Laser {
+    /// Offset on the measuring plane.
+    pub offset_mm: [f64; 2],
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct File {
+    schema: u32,
+    #[serde(default)]
+    name: String,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    camera: Option<Lens>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    plane: Option<Plane>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    scale: Option<Scale>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    laser: Option<Laser>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Plane {
+    homography_mm: [[f64; 3]; 3],
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Scale {
+    mm_per_px: f64,
+    #[serde(default)]
+    rotation_deg: f64,
+}
+
+impl Calibration {
+    /// Reads and checks a calibration file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let file: File = tomlfile::read(path)?;
+        Self::from_file(file)
+            .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))
+    }
+
+    fn from_file(file: File) -> std::result::Result<Self, (&'static str, String, &'static str)> {
+        if file.schema != 1 {
+            return Err((
+                "schema",
+                format!("is {}, this program reads 1", file.schema),
+                "use a matching version",
+            ));
+        }
+        let mapping = match (file.camera, file.plane, file.scale) {
+            (Some(lens), Some(plane), None) => {
+                check_lens(&lens)?;
+                let homography_mm = Matrix3::from_fn(|r, c| plane.homography_mm[r][c]);
+                if !homography_mm.iter().all(|v| v.is_finite())
+                    || homography_mm.determinant().abs() < 1e-12
+                {
+                    return Err((
+                        "plane.homography_mm",
+                        "cannot be inverted".into(),
+                        "calibrate the plane again",
+                    ));
+                }
+                Mapping::Pinhole { lens, homography_mm }
+            }
+            (None, None, Some(Scale { mm_per_px, rotation_deg })) => {
+                if !(mm_per_px.is_finite() && mm_per_px > 0.0) {
+                    return Err((
+                        "scale.mm_per_px",
+                        format!("is {mm_per_px}"),
+                        "give the size of a pixel in mm",
+                    ));
+                }
+                if !rotation_deg.is_finite() {
+                    return Err((
+                        "scale.rotation_deg",
+                        "is not finite".into(),
+                        "give an angle in degrees",
+                    ));
+                }
+                Mapping::Scale { mm_per_px, rotation_deg }
+            }
+            _ => {
+                return Err((
+                    "calibration",
+                    "needs either [camera] and [plane], or [scale] alone".into(),
+                    "see docs/conventions.md for both forms",
+                ));
+            }
+        };
+        if let Some(laser) = &file.laser
+            && !laser.offset_mm.iter().all(|v| v.is_finite())
+        {
+            return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
+        }
+        Ok(Self { name: file.name, mapping, laser: file.laser })
+    }
+
+    /// The calibration as the text of its file.
+    pub fn to_toml(&self) -> String {
+        let (camera, plane, scale) = match &self.mapping {
+            Mapping::Pinhole { lens, homography_mm: h } => {
+                let rows = std::array::from_fn(|r| std::array::from_fn(|c| h[(r, c)]));
+                (Some(lens.clone()), Some(Plane { homography_mm: rows }), None)
+            }
+            &Mapping::Scale { mm_per_px, rotation_deg } => {
+                (None, None, Some(Scale { mm_per_px, rotation_deg }))
+            }
+        };
+        let file = File {
+            schema: 1,
+            name: self.name.clone(),
+            camera,
+            plane,
+            scale,
+            laser: self.laser.clone(),
+        };
+        // These plain structures always serialise.
+        toml::to_string(&file).unwrap_or_default()
+    }
+
+    /// The mapping for frames of this size; an error where the calibration was made for another size.
+    pub fn view(&self, width_px: usize, height_px: usize) -> Result<View> {
+        if let Mapping::Pinhole { lens, .. } = &self.mapping
+            && (lens.width_px as usize, lens.height_px as usize) != (width_px, height_px)
+        {
+            return Err(Error::measure(
+                format!("calibration '{}'", self.name),
+                format!(
+                    "holds for frames of {}×{} px, this picture has {width_px}×{height_px} px",
+                    lens.width_px, lens.height_px
+                ),
+                "use the calibration made for this camera and resolution",
+            ));
+        }
+        Ok(View::new(&self.mapping, width_px, height_px))
+    }
+}
+
+fn check_lens(lens: &Lens) -> std::result::Result<(), (&'static str, String, &'static str)> {
+    let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
+    if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
+        return Err((
+            "camera",
+            "has a number that is not finite".into(),
+            "calibrate the camera again",
+        ));
+    }
+    if lens.fx_px == 0.0 || lens.fy_px == 0.0 {
+        return Err(("camera.fx_px", "is zero".into(), "give the focal length in pixels"));
+    }
+    if lens.width_px == 0 || lens.height_px == 0 {
+        return Err(("camera.width_px", "is zero".into(), "give the frame's size in pixels"));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_file_survives_a_round_trip() {
+        let text = "schema = 1\nname = 'b'\n[camera]\nwidth_px = 1600\nheight_px = 1200\nfx_px = 3520.0\nfy_px = 3520.0\n\
+                    cx_px = 799.5\ncy_px = 599.5\ndistortion = [0.1, 0.0, 0.0, 0.0, 0.0]\n\
+                    [plane]\nhomography_mm = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]\n";
+        let file = tomlfile::parse("c.toml", text).unwrap();
+        let calibration = Calibration::from_file(file).unwrap();
+        let again =
+            Calibration::from_file(tomlfile::parse("c.toml", &calibration.to_toml()).unwrap())
+                .unwrap();
+        assert_eq!(calibration, again);
+        assert!(calibration.view(1600, 1201).unwrap_err().to_string().contains("1600×1200"));
+    }
+}

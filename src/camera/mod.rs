@@ -1,0 +1,7 @@
+//! The camera: its calibration file and the mapping between pixels and the measuring plane.
+
+mod calibration;
+mod view;
+
+pub use calibration::{Calibration, Laser, Lens, Mapping};
+pub use view::View;

@@ -1,0 +1,16 @@
+//! Pivotsight measures where a five-axis laser machine's rotary axes really are, with a camera, and
+//! computes what to type into the control.
+//!
+//! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
+//! machine → results. The command line ([`cli`]) only parses, calls and prints.
+
+pub mod camera;
+pub mod cli;
+pub mod error;
+pub mod fit;
+pub mod output;
+pub mod table;
+pub mod tomlfile;
+pub mod uncertainty;
+
+pub use error::{Error, Result};

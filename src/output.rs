@@ -1,0 +1,151 @@
+//! Files written whole or not at all, and results turned into JSON, JSON lines, CSV or a table.
+
+use std::io::Write;
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
+pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
+    let path = path.as_ref();
+    let folder = match path.parent() {
+        Some(p) if !p.as_os_str().is_empty() => p,
+        _ => Path::new("."),
+    };
+    if !folder.is_dir() {
+        return Err(Error::file(
+            path,
+            format!("the folder '{}' does not exist", folder.display()),
+            "create it or correct the path",
+        ));
+    }
+    let failed = |e: std::io::Error| Error::io(path, "write", e);
+    let mut file =
+        tempfile::Builder::new().prefix(".pivotsight-").tempfile_in(folder).map_err(failed)?;
+    file.write_all(bytes).map_err(failed)?;
+    file.as_file().sync_all().map_err(failed)?;
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::PermissionsExt;
+        file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).map_err(failed)?;
+    }
+    file.persist(path).map_err(|e| failed(e.error))?;
+    Ok(())
+}
+
+/// Creates a folder for results, with its parents.
+pub fn create_folder(path: impl AsRef<Path>) -> Result<()> {
+    std::fs::create_dir_all(&path).map_err(|e| Error::io(&path, "create", e))
+}
+
+/// How a result is printed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Format {
+    /// Lines for people.
+    Table,
+    /// One JSON object.
+    Json,
+    /// One JSON object a line.
+    Jsonl,
+    /// Comma-separated values with a header.
+    Csv,
+}
+
+/// A result in every form it can be printed in.
+#[derive(Debug, Clone)]
+pub struct Document {
+    /// The whole result as one object.
+    pub json: Value,
+    /// The same as rows, for JSON lines and CSV; one row where the result is one thing.
+    pub rows: Vec<Value>,
+    /// The same for people.
+    pub table: String,
+}
+
+impl Document {
+    /// A document whose rows are its one object.
+    pub fn single(json: Value, table: String) -> Self {
+        Self { rows: vec![json.clone()], json, table }
+    }
+
+    /// The text in the asked format, ending in a newline.
+    pub fn text(&self, format: Format) -> String {
+        match format {
+            Format::Table => with_newline(self.table.clone()),
+            Format::Json => {
+                with_newline(serde_json::to_string_pretty(&self.json).unwrap_or_default())
+            }
+            Format::Jsonl => self.rows.iter().map(|r| format!("{r}\n")).collect(),
+            Format::Csv => csv_text(&self.rows),
+        }
+    }
+}
+
+fn with_newline(mut text: String) -> String {
+    if !text.ends_with('\n') {
+        text.push('\n');
+    }
+    text
+}
+
+/// Rows as CSV: nested keys joined with `.`, list items by number; a column wherever any row has it.
+fn csv_text(rows: &[Value]) -> String {
+    let flat: Vec<Vec<(String, String)>> = rows
+        .iter()
+        .map(|row| {
+            let mut cells = Vec::new();
+            flatten("", row, &mut cells);
+            cells
+        })
+        .collect();
+    let mut names: Vec<&str> = Vec::new();
+    let mut seen = std::collections::HashSet::new();
+    for (name, _) in flat.iter().flatten() {
+        if seen.insert(name.as_str()) {
+            names.push(name);
+        }
+    }
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    // Writing to memory cannot fail.
+    let _ = writer.write_record(&names);
+    for cells in &flat {
+        let by_name: std::collections::HashMap<&str, &str> =
+            cells.iter().map(|(n, v)| (n.as_str(), v.as_str())).collect();
+        let _ = writer.write_record(names.iter().map(|n| by_name.get(n).copied().unwrap_or("")));
+    }
+    String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
+}
+
+fn flatten(prefix: &str, value: &Value, cells: &mut Vec<(String, String)>) {
+    let join =
+        |key: &str| if prefix.is_empty() { key.to_owned() } else { format!("{prefix}.{key}") };
+    match value {
+        Value::Object(map) => map.iter().for_each(|(k, v)| flatten(&join(k), v, cells)),
+        Value::Array(list) => {
+            list.iter().enumerate().for_each(|(i, v)| flatten(&join(&i.to_string()), v, cells));
+        }
+        Value::Null => cells.push((prefix.to_owned(), String::new())),
+        Value::String(text) => cells.push((prefix.to_owned(), text.clone())),
+        other => cells.push((prefix.to_owned(), other.to_string())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn csv_has_a_column_for_every_key_of_any_row() {
+        let rows =
+            [serde_json::json!({"a": 1, "p": {"q": [2.5, null]}}), serde_json::json!({"b": "x,y"})];
+        assert_eq!(csv_text(&rows), "a,p.q.0,p.q.1,b\n1,2.5,,\n,,,\"x,y\"\n");
+    }
+
+    #[test]
+    fn a_write_into_a_missing_folder_says_so() {
+        let message = write_whole("/no/such/folder/file.txt", b"x").unwrap_err().to_string();
+        assert!(message.contains("does not exist"), "{message}");
+    }
+}

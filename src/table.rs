@@ -1,0 +1,250 @@
+//! Strict CSV tables: named columns of numbers and words, errors that name file, line and column.
+
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+
+/// The most rows a table may have; a guard against feeding the wrong file.
+const MAX_ROWS: usize = 20_000_000;
+
+/// A CSV file held as text cells, addressed by column name.
+#[derive(Debug, Clone)]
+pub struct Table {
+    path: PathBuf,
+    names: Vec<String>,
+    index: HashMap<String, usize>,
+    rows: Vec<(u64, csv::StringRecord)>,
+}
+
+impl Table {
+    /// Reads `path`. Every name in `required` must be a column; columns must be in `required` or
+    /// `optional`, or end `optional` with a `*` pattern such as `head_*_c`, or begin with `x_`/`x-`.
+    /// Lines that begin with `#` are comments.
+    pub fn read(path: impl AsRef<Path>, required: &[&str], optional: &[&str]) -> Result<Self> {
+        let path = path.as_ref();
+        let file = std::fs::File::open(path).map_err(|e| Error::io(path, "read", e))?;
+        Self::parse(path, file, required, optional)
+    }
+
+    /// As [`Table::read`], from any reader; `path` is only the name used in messages.
+    pub fn parse(
+        path: impl AsRef<Path>,
+        source: impl std::io::Read,
+        required: &[&str],
+        optional: &[&str],
+    ) -> Result<Self> {
+        let path = path.as_ref();
+        let mut reader =
+            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(source);
+        let header = reader.headers().map_err(|e| csv_error(path, e))?.clone();
+        let names: Vec<String> =
+            header.iter().map(|n| n.trim_start_matches('\u{feff}').to_owned()).collect();
+        if names.iter().all(String::is_empty) {
+            return Err(Error::file(
+                path,
+                "the file is empty",
+                format!("give it a header line with {}", required.join(",")),
+            ));
+        }
+        let mut index = HashMap::new();
+        for (i, name) in names.iter().enumerate() {
+            let known = required.iter().chain(optional).any(|k| matches(k, name));
+            if !known && !name.starts_with("x_") && !name.starts_with("x-") {
+                return Err(Error::field(
+                    path,
+                    Some(1),
+                    format!("column '{name}'"),
+                    "is not known here",
+                    format!(
+                        "known columns: {}; begin the name with x_ to have it ignored",
+                        required.iter().chain(optional).copied().collect::<Vec<_>>().join(", ")
+                    ),
+                ));
+            }
+            if index.insert(name.clone(), i).is_some() {
+                return Err(Error::field(
+                    path,
+                    Some(1),
+                    format!("column '{name}'"),
+                    "stands twice in the header",
+                    "keep one of them",
+                ));
+            }
+        }
+        if let Some(missing) = required.iter().find(|k| !names.iter().any(|n| matches(k, n))) {
+            return Err(Error::field(
+                path,
+                Some(1),
+                format!("column '{missing}'"),
+                format!("is missing; the header has: {}", names.join(", ")),
+                "add the column",
+            ));
+        }
+        let mut rows = Vec::new();
+        for record in reader.records() {
+            let record = record.map_err(|e| csv_error(path, e))?;
+            let line = record.position().map_or(0, csv::Position::line);
+            if rows.len() >= MAX_ROWS {
+                return Err(Error::file(
+                    path,
+                    format!("has more than {MAX_ROWS} rows"),
+                    "split the file",
+                ));
+            }
+            rows.push((line, record));
+        }
+        if rows.is_empty() {
+            return Err(Error::file(
+                path,
+                "has a header but no rows",
+                "add at least one row of data",
+            ));
+        }
+        Ok(Self { path: path.to_owned(), names, index, rows })
+    }
+
+    /// Number of rows, at least one.
+    pub fn rows(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// The file's name, for messages.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// The columns in file order.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Whether the column is there.
+    pub fn has(&self, name: &str) -> bool {
+        self.index.contains_key(name)
+    }
+
+    /// The line of the file on which `row` stands.
+    pub fn line(&self, row: usize) -> u64 {
+        self.rows[row].0
+    }
+
+    /// An error about one cell.
+    pub fn error(
+        &self,
+        row: usize,
+        name: &str,
+        reason: impl Into<String>,
+        fix: impl Into<String>,
+    ) -> Error {
+        Error::field(&self.path, Some(self.line(row)), format!("column '{name}'"), reason, fix)
+    }
+
+    /// The cell's text; empty where the column is missing.
+    pub fn text(&self, row: usize, name: &str) -> &str {
+        self.index.get(name).and_then(|&i| self.rows[row].1.get(i)).unwrap_or("")
+    }
+
+    /// The cell as a finite number.
+    pub fn number(&self, row: usize, name: &str) -> Result<f64> {
+        let text = self.text(row, name);
+        let value: f64 = text.parse().map_err(|_| {
+            let hint = if text.contains(',') {
+                "write the decimal mark as a point"
+            } else {
+                "write a number"
+            };
+            self.error(row, name, format!("'{text}' is not a number"), hint)
+        })?;
+        if !value.is_finite() {
+            return Err(self.error(
+                row,
+                name,
+                format!("'{text}' is not finite"),
+                "remove the row or measure it again",
+            ));
+        }
+        Ok(value)
+    }
+
+    /// A whole column of finite numbers.
+    pub fn column(&self, name: &str) -> Result<Vec<f64>> {
+        (0..self.rows()).map(|r| self.number(r, name)).collect()
+    }
+
+    /// A whole column, or `None` where the column is missing.
+    pub fn optional_column(&self, name: &str) -> Result<Option<Vec<f64>>> {
+        if self.has(name) { self.column(name).map(Some) } else { Ok(None) }
+    }
+}
+
+/// Whether `name` is `pattern`, where one `*` in the pattern stands for anything.
+fn matches(pattern: &str, name: &str) -> bool {
+    match pattern.split_once('*') {
+        None => pattern == name,
+        Some((head, tail)) => {
+            name.len() >= head.len() + tail.len() && name.starts_with(head) && name.ends_with(tail)
+        }
+    }
+}
+
+fn csv_error(path: &Path, error: csv::Error) -> Error {
+    let line = error.position().map(csv::Position::line);
+    match error.into_kind() {
+        csv::ErrorKind::Io(source) => Error::io(path, "read", source),
+        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => Error::field(
+            path,
+            line,
+            "row",
+            format!("has {len} fields where the header has {expected_len}"),
+            "complete the row (a run killed half way leaves such a line at the end)",
+        ),
+        csv::ErrorKind::Utf8 { .. } => {
+            Error::file(path, "is not UTF-8 text", "save it as plain CSV (UTF-8)")
+        }
+        other => Error::file(
+            path,
+            format!("is not readable as CSV ({other:?})"),
+            "save it as plain CSV (UTF-8)",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Table> {
+        Table::parse("t.csv", text.as_bytes(), &["a_mm"], &["b", "head_*_c"])
+    }
+
+    #[test]
+    fn cells_are_found_by_name_and_comments_skipped() {
+        let t = parse("# from the control\nb,a_mm,head_12_c,x_note\nup,1.5,20,hello\n").unwrap();
+        assert_eq!(t.number(0, "a_mm").unwrap(), 1.5);
+        assert_eq!(t.text(0, "b"), "up");
+        assert_eq!(t.line(0), 3);
+    }
+
+    #[test]
+    fn every_error_names_file_line_and_column() {
+        for (text, words) in [
+            ("", "t.csv: the file is empty"),
+            ("a_mm\n", "no rows"),
+            ("b\n1\n", "column 'a_mm': is missing"),
+            ("a_mm,c\n1,2\n", "column 'c': is not known"),
+            ("a_mm,a_mm\n1,2\n", "stands twice"),
+            ("a_mm,b\n1,2\n1\n", "t.csv:3: row: has 1 fields"),
+        ] {
+            let message = parse(text).unwrap_err().to_string();
+            assert!(message.contains(words), "{message}");
+        }
+        let t = parse("a_mm\n1\nNaN\n").unwrap();
+        assert!(
+            t.column("a_mm")
+                .unwrap_err()
+                .to_string()
+                .starts_with("t.csv:3: column 'a_mm': 'NaN' is not finite")
+        );
+    }
+}

@@ -1,0 +1,92 @@
+//! Values with uncertainty: intervals, the ISO 14253-1 verdict, and distances near zero.
+
+use serde::{Deserialize, Serialize};
+
+/// Half-width of a 95 % interval of a normal distribution, in standard deviations.
+pub const K95: f64 = 1.959_963_984_540_054;
+
+/// Half-width of a 95 % interval of Student's t with `dof` degrees of freedom.
+///
+/// Cornish-Fisher expansion (Abramowitz & Stegun 26.7.5), exact at 1 and 2 degrees; error below 0.2 %.
+pub fn k95(dof: f64) -> f64 {
+    if !dof.is_finite() {
+        return K95;
+    }
+    if dof < 1.5 {
+        return 12.706;
+    }
+    if dof < 2.5 {
+        return 4.303;
+    }
+    let z = K95;
+    let g1 = (z.powi(3) + z) / 4.0;
+    let g2 = (5.0 * z.powi(5) + 16.0 * z.powi(3) + 3.0 * z) / 96.0;
+    let g3 = (3.0 * z.powi(7) + 19.0 * z.powi(5) + 17.0 * z.powi(3) - 15.0 * z) / 384.0;
+    let g4 = (79.0 * z.powi(9) + 776.0 * z.powi(7) + 1482.0 * z.powi(5)
+        - 1920.0 * z.powi(3)
+        - 945.0 * z)
+        / 92160.0;
+    z + g1 / dof + g2 / dof.powi(2) + g3 / dof.powi(3) + g4 / dof.powi(4)
+}
+
+/// Whether a measured value keeps a limit, given its uncertainty (ISO 14253-1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// The value keeps the limit whatever the true value within the interval.
+    Pass,
+    /// The value breaks the limit whatever the true value within the interval.
+    Fail,
+    /// The limit lies inside the interval: measure again, or better.
+    Undecided,
+}
+
+impl Verdict {
+    /// `pass` if value + u95 ≤ limit, `fail` if value - u95 > limit, else `undecided`.
+    pub fn of(value: f64, u95: f64, limit: f64) -> Self {
+        if value + u95 <= limit {
+            Self::Pass
+        } else if value - u95 > limit {
+            Self::Fail
+        } else {
+            Self::Undecided
+        }
+    }
+
+    /// The word used in every output.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Pass => "pass",
+            Self::Fail => "fail",
+            Self::Undecided => "undecided",
+        }
+    }
+}
+
+impl std::fmt::Display for Verdict {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.pad(self.word())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn student_factors_match_tables() {
+        for (dof, k) in
+            [(1.0, 12.706), (2.0, 4.303), (3.0, 3.182), (5.0, 2.571), (10.0, 2.228), (30.0, 2.042)]
+        {
+            assert!((k95(dof) / k - 1.0).abs() < 5e-3, "dof {dof}: {}", k95(dof));
+        }
+        assert_eq!(k95(f64::INFINITY), K95);
+    }
+
+    #[test]
+    fn verdict_needs_the_whole_interval_on_one_side() {
+        assert_eq!(Verdict::of(0.008, 0.002, 0.010), Verdict::Pass);
+        assert_eq!(Verdict::of(0.009, 0.002, 0.010), Verdict::Undecided);
+        assert_eq!(Verdict::of(0.013, 0.002, 0.010), Verdict::Fail);
+    }
+}
