@@ -9,6 +9,7 @@ pub mod cli;
 pub mod error;
 pub mod fit;
 pub mod output;
+pub mod plot;
 pub mod table;
 pub mod tomlfile;
 pub mod uncertainty;
