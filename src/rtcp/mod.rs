@@ -1,6 +1,12 @@
 //! Rotated tool centre point: what the control computes, what the machine really does, and the difference.
 
+mod session;
+mod session_file;
+pub mod solve;
+
 use nalgebra::Vector3;
+
+pub use session::{Limit, Session};
 
 use crate::machine::{Chain, Joints};
 
