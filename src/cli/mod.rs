@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod export;
 mod rtcp;
 mod solve;
 
@@ -50,6 +51,7 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Export(export::Args),
     Rtcp(rtcp::Args),
     Solve(solve::Args),
 }
@@ -109,6 +111,7 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Export(args) => export::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
         Command::Solve(args) => solve::run(args, global),
     }

@@ -1,5 +1,6 @@
 //! Rotated tool centre point: what the control computes, what the machine really does, and the difference.
 
+pub mod export;
 mod session;
 mod session_file;
 pub mod solve;
