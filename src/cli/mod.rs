@@ -2,7 +2,9 @@
 
 mod export;
 mod rtcp;
+mod simulate;
 mod solve;
+mod verify;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -53,7 +55,9 @@ impl Global {
 enum Command {
     Export(export::Args),
     Rtcp(rtcp::Args),
+    Simulate(simulate::Args),
     Solve(solve::Args),
+    Verify(verify::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -113,7 +117,9 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     match &cli.command {
         Command::Export(args) => export::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Simulate(args) => simulate::run(args, global),
         Command::Solve(args) => solve::run(args, global),
+        Command::Verify(args) => verify::run(args, global),
     }
 }
 

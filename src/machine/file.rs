@@ -246,6 +246,11 @@ impl Machine {
         Vector3::new(self.table.xc_mm, self.table.yc_mm, self.table.zc_mm)
     }
 
+    /// The observed target in the table frame; the origin where the file names none.
+    pub fn target_point(&self) -> Vector3<f64> {
+        self.target.map_or_else(Vector3::zeros, |t| Vector3::from(t.position_mm))
+    }
+
     /// From the head's rotary axis to the tool point at zero: `(ΔX, 0, -(R + s))`.
     pub fn head_vector(&self) -> Vector3<f64> {
         Vector3::new(self.head.delta_x_mm, 0.0, -(self.head.r_mm + self.head.standoff_mm))

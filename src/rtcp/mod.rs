@@ -1,9 +1,12 @@
 //! Rotated tool centre point: what the control computes, what the machine really does, and the difference.
 
 pub mod export;
+pub mod plan;
 mod session;
 mod session_file;
 pub mod solve;
+pub mod sweep;
+pub mod verify;
 
 use nalgebra::Vector3;
 

@@ -19,14 +19,14 @@ pub(super) fn export(machine: &Machine) -> Export {
             "mixed type: first rotary axis turns the tool, second the table",
         ),
         Parameter::code("19681", 4.0, "controlled-axis number of B where the axes are X Y Z B C"),
-        Parameter::code("19682", 2.0, "B turns about Y (1 X, 2 Y, 3 Z)").unconfirmed(),
+        Parameter::code("19682", 2.0, "B turns about Y; 1 is X, 2 Y, 3 Z").unconfirmed(),
         Parameter::code(
             "19684",
             left_handed(b_sense(machine)),
             "sense of B: 0 right-handed, 1 left-handed",
         ),
         Parameter::code("19686", 5.0, "controlled-axis number of C where the axes are X Y Z B C"),
-        Parameter::code("19687", 3.0, "C turns about Z (1 X, 2 Y, 3 Z)").unconfirmed(),
+        Parameter::code("19687", 3.0, "C turns about Z; 1 is X, 2 Y, 3 Z").unconfirmed(),
         Parameter::code(
             "19689",
             left_handed(f64::from(machine.c_sense)),
@@ -55,7 +55,7 @@ pub(super) fn export(machine: &Machine) -> Export {
     }
     let mut text = String::from("%\n");
     for line in header(machine, "Fanuc 30i, tool centre point control") {
-        let _ = writeln!(text, "({})", line.replace(['(', ')'], " "));
+        let _ = writeln!(text, "({})", line);
     }
     let _ = writeln!(
         text,
@@ -63,8 +63,7 @@ pub(super) fn export(machine: &Machine) -> Export {
         head.standoff_mm
     );
     for p in &parameters {
-        let _ =
-            writeln!(text, "N{}P{} ({})", p.name, p.text(), p.comment().replace(['(', ')'], ","));
+        let _ = writeln!(text, "N{}P{} ({})", p.name, p.text(), p.comment());
     }
     text += "%\n";
     Export { parameters, files: vec![("parameters.txt".into(), text)] }

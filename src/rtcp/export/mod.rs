@@ -134,9 +134,12 @@ fn b_sense(machine: &Machine) -> f64 {
 /// The lines every file begins with, without the comment sign.
 fn header(machine: &Machine, what: &str) -> Vec<String> {
     vec![
-        format!("{what}, for machine '{}'", machine.name.replace(['\n', '\r'], " ")),
+        format!(
+            "{what}, for machine '{}'",
+            machine.name.replace(|c: char| c.is_control() || "()%;".contains(c), " ")
+        ),
         format!("written by pivotsight {}", env!("CARGO_PKG_VERSION")),
-        "Lengths in mm. X, Y, Z say where the head is relative to the table (ISO 841).".into(),
+        "Lengths in mm. X, Y, Z say where the head is relative to the table, as in ISO 841.".into(),
         "After loading, hold a point at B = 90 and B = -90: a wrong sign shows as twice delta_x."
             .into(),
     ]

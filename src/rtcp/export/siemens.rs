@@ -34,7 +34,8 @@ pub(super) fn export(machine: &Machine) -> Export {
         if k < 4 {
             Parameter::mm(name, vectors[k][i], meaning)
         } else {
-            Parameter::code(name, vectors[k][i], meaning)
+            // What the maker's text leaves open is which way round counts as positive.
+            Parameter::code(name, vectors[k][i], meaning).unconfirmed()
         }
     };
     let mut carrier = Vec::new();
