@@ -1,6 +1,7 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
 mod export;
+mod machine;
 mod rtcp;
 mod simulate;
 mod solve;
@@ -54,6 +55,7 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Export(export::Args),
+    Machine(machine::Args),
     Rtcp(rtcp::Args),
     Simulate(simulate::Args),
     Solve(solve::Args),
@@ -116,6 +118,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Export(args) => export::run(args, global),
+        Command::Machine(args) => machine::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
         Command::Simulate(args) => simulate::run(args, global),
         Command::Solve(args) => solve::run(args, global),

@@ -11,6 +11,7 @@
 mod axis;
 mod chain;
 mod error_model;
+mod figure;
 mod file;
 mod inverse;
 mod screw;
@@ -18,5 +19,6 @@ mod screw;
 pub use axis::{Axis, AxisName, Side};
 pub use chain::{Chain, Joints, Motion, ToolPose};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
+pub use figure::frames_svg;
 pub use file::{AxisEntry, Effect, Head, Kinematics, Machine, Table, Target};
 pub use inverse::{Singularity, Solution};

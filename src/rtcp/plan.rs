@@ -22,9 +22,8 @@ pub fn poses(chain: &Chain, count: usize) -> Vec<Pose> {
         [low.max(limits[0] + run), high.min(limits[1] - run)]
     };
     let [b, c] = [range(AxisName::B, -90.0, 90.0), range(AxisName::C, 0.0, 360.0)];
-    // The additive recurrence with the plastic number fills the square evenly without a grid (Roberts, 2018).
-    let plastic = 1.324_717_957_244_746;
-    let steps = [1.0 / plastic, 1.0 / (plastic * plastic)];
+    // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly and never repeat.
+    let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
     let mut plan = Vec::new();
     for i in 0..count {
         let at = |k: usize, [low, high]: [f64; 2]| {
