@@ -252,6 +252,7 @@ parameters = { width_deg = 0.0042 }
         ("r_mm = 214.7", "r_mm = nan", "head"),
         ("limits_deg = [-110.0, 110.0]", "limits_deg = [110.0, -110.0]", "axes.B: limits"),
         ("[axes.B]", "[axes.C]", "give c_sense"),
+        ("[axes.B]", "[kinematics]\norder = \"w b X Y Z C B t\"\n[axes.B]", "c_sense: is for a C"),
         ("[axes.B]", "[axes.A]", "no axis for the section [axes.A]"),
         ("[axes.B]", "[kinematics]\norder = \"w C b X Y Z t\"\n[axes.B]", "five axes"),
     ] {
@@ -319,6 +320,26 @@ fn a_real_controls_joint_positions_are_reproduced() {
         .flat_map(|(f, r)| (0..3).map(|i| (f[5 + i] - r[i]).abs()))
         .fold(0.0, f64::max);
     assert!(worst <= 3e-9, "{worst}");
+}
+
+#[test]
+fn the_machine_command_lists_the_axes_and_draws_the_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, figure) = (folder.path().join("machine.toml"), folder.path().join("frames.svg"));
+    std::fs::write(&machine, cell().to_toml()).unwrap();
+    let command = Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(["machine", "--format", "json"])
+        .arg(&machine)
+        .arg("--figure")
+        .arg(&figure)
+        .assert()
+        .success();
+    let json: serde_json::Value = serde_json::from_slice(&command.get_output().stdout).unwrap();
+    let names: String =
+        json["axes"].as_array().unwrap().iter().map(|a| a["name"].as_str().unwrap()).collect();
+    assert_eq!(names, "CXYZB");
+    assert!(std::fs::read_to_string(figure).unwrap().contains("ΔX +0.2830"));
 }
 
 #[test]

@@ -295,6 +295,13 @@ impl Machine {
             other => Err((field, format!("is {other}"), "write 1 or -1")),
         };
         sense("c_sense".into(), self.c_sense)?;
+        if self.c_sense != 1 && !self.table_order().contains('C') {
+            return Err((
+                "c_sense".into(),
+                "is for a C axis in the table, and this machine has none".into(),
+                "leave it out, or give the axis' sense in [axes.C]",
+            ));
+        }
         let finite = |field: &str, values: &[f64]| {
             if values.iter().all(|v| v.is_finite() && v.abs() < 1e6) {
                 Ok(())
@@ -342,6 +349,11 @@ impl Machine {
         Ok(())
     }
 
+    /// The part of the order that carries the work.
+    fn table_order(&self) -> &str {
+        self.kinematics.order.split('b').next().unwrap_or("")
+    }
+
     fn check_entry(&self, axis: AxisName, entry: &AxisEntry) -> Check {
         let misplaced = |key: &str, fix: &'static str| {
             Err((format!("axes.{axis}.{key}"), "does not belong here".into(), fix))
@@ -357,8 +369,8 @@ impl Machine {
                 "a linear axis takes direction and limits_mm",
             );
         }
-        let table_side = self.kinematics.order.split('b').next().unwrap_or("").contains('C');
-        if axis == AxisName::C && table_side && entry.sense.is_some() {
+        let table_c = axis == AxisName::C && self.table_order().contains('C');
+        if table_c && entry.sense.is_some() {
             return misplaced("sense", "give c_sense at the top of the file instead");
         }
         for limits in [entry.limits_mm, entry.limits_deg].into_iter().flatten() {
