@@ -26,7 +26,8 @@ pub struct Args {
     /// The measured sweep: b_deg,c_deg,dx_mm,dy_mm,dz_mm
     #[arg(long, value_name = "CSV")]
     data: Option<PathBuf>,
-    /// The machine file whose values the control held during the sweep; the machine's own where left out
+    /// The machine file whose values the control held during the sweep; the machine's own where
+    /// left out
     #[arg(long, value_name = "FILE", requires = "data")]
     now: Option<PathBuf>,
     /// Largest deviation allowed

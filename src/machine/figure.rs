@@ -1,4 +1,5 @@
-//! A drawing of the head B / table C machine's frames and vectors as SVG, with a machine's own numbers. Not to scale.
+//! A drawing of the head B / table C machine's frames and vectors as SVG, with a machine's own
+//! numbers. Not to scale.
 
 use std::fmt::Write;
 
@@ -9,7 +10,8 @@ const HEAD: &str = "#0072b2";
 const TABLE: &str = "#009e73";
 const GHOST: &str = "#999";
 
-/// Where things stand in the side view, px: the C axis, the table's surface, the B axis, the nozzle's end face.
+/// Where things stand in the side view, px: the C axis, the table's surface, the B axis, the
+/// nozzle's end face.
 const C_X: f64 = 190.0;
 const TABLE_Y: f64 = 400.0;
 const B: [f64; 2] = [300.0, 130.0];
@@ -113,8 +115,8 @@ fn nozzle(s: &mut String, at: [f64; 2], turn_deg: f64, colour: &str) {
     );
 }
 
-/// An arc from the first to the second angle (degrees from +x, clockwise on the page), with its tip at the end, or at the start
-/// where `sense` is negative.
+/// An arc from the first to the second angle (degrees from +x, clockwise on the page), with its tip
+/// at the end, or at the start where `sense` is negative.
 fn arc(s: &mut String, c: [f64; 2], r: f64, deg: [f64; 2], sense: f64, colour: &str) {
     let [a, b] = deg.map(|d| {
         let (sin, cos) = d.to_radians().sin_cos();

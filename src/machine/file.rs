@@ -83,7 +83,8 @@ pub struct Target {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kinematics {
-    /// As ISO 10791-6 writes it: `w` work, the axes that carry it, `b` bed, the axes that carry the tool, `t` tool.
+    /// As ISO 10791-6 writes it: `w` work, the axes that carry it, `b` bed, the axes that carry the
+    /// tool, `t` tool.
     pub order: String,
 }
 
@@ -103,14 +104,15 @@ impl Kinematics {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
-    /// A point of a rotary axis' line at zero: in the table frame for a table axis, from the tool point for a head axis.
+    /// A point of a rotary axis' line at zero: in the table frame for a table axis, from the tool
+    /// point for a head axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub point_mm: Option<[f64; 3]>,
     /// The axis' direction in the machine frame, of any length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
-    /// 1: positive values turn what the axis carries right-handed about its direction; -1: the other way. For C in the
-    /// table give `c_sense` instead.
+    /// 1: positive values turn what the axis carries right-handed about its direction; -1: the
+    /// other way. For C in the table give `c_sense` instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sense: Option<i32>,
     /// Travel of a linear axis.
@@ -154,12 +156,14 @@ impl Machine {
         }
     }
 
-    /// Table A under table C; the A axis lies `offset_mm` from the C axis along Y and `below_mm` under the table surface.
+    /// Table A under table C; the A axis lies `offset_mm` from the C axis along Y and `below_mm`
+    /// under the table surface.
     pub fn table_a_c(offset_mm: f64, below_mm: f64) -> Self {
         Self::preset("w C A b X Y Z t", &[("A", [0.0, offset_mm, -below_mm])])
     }
 
-    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm` under the table surface.
+    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm`
+    /// under the table surface.
     pub fn table_b_c(offset_mm: f64, below_mm: f64) -> Self {
         Self::preset("w C B b X Y Z t", &[("B", [offset_mm, 0.0, -below_mm])])
     }

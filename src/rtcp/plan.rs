@@ -1,7 +1,8 @@
 //! The sweep to measure: which poses, in which order, and the program that drives through them.
 //!
-//! Angles are irregular, so that no error over one axis looks like another; the order is mixed, so that drift does not look like
-//! an error over the angle; both directions of approach occur; every second pose is repeated at once, which shows the noise.
+//! Angles are irregular, so that no error over one axis looks like another; the order is mixed, so
+//! that drift does not look like an error over the angle; both directions of approach occur; every
+//! second pose is repeated at once, which shows the noise.
 
 use std::fmt::Write;
 
@@ -22,7 +23,8 @@ pub fn poses(chain: &Chain, count: usize) -> Vec<Pose> {
         [low.max(limits[0] + run), high.min(limits[1] - run)]
     };
     let [b, c] = [range(AxisName::B, -90.0, 90.0), range(AxisName::C, 0.0, 360.0)];
-    // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly and never repeat.
+    // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly
+    // and never repeat.
     let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
     let mut plan = Vec::new();
     for i in 0..count {
@@ -50,7 +52,8 @@ pub fn csv(plan: &[Pose]) -> String {
     text
 }
 
-/// The program that holds `target_mm` (table frame) in every pose. Workpiece zero: the C axis at the table surface.
+/// The program that holds `target_mm` (table frame) in every pose. Workpiece zero: the C axis at
+/// the table surface.
 pub fn gcode(plan: &[Pose], target_mm: [f64; 3], control: Control) -> String {
     let [x, y, z] = target_mm;
     let conversational = control == Control::Heidenhain;

@@ -1,4 +1,5 @@
-//! RTCP sweeps: a target held while the rotary axes turn; what a machine would show, and what it did show.
+//! RTCP sweeps: a target held while the rotary axes turn; what a machine would show, and what it
+//! did show.
 
 use std::path::Path;
 
@@ -76,7 +77,8 @@ pub fn predict(
 
 /// Takes out what a wrong idea of the target's place explains, and returns it.
 ///
-/// A target off by δ in the table frame adds `-R(C) δ` to each deviation, so δ is the mean of `-R(C)ᵀ d`.
+/// A target off by δ in the table frame adds `-R(C) δ` to each deviation, so δ is the mean of
+/// `-R(C)ᵀ d`.
 pub fn remove_target_offset(
     real: &Chain,
     rotary_rad: &[[f64; 2]],

@@ -14,7 +14,8 @@ pub struct Options {
     pub tolerance_mm: f64,
     /// Standard uncertainty of a measured component.
     pub noise_mm: f64,
-    /// Whether the control held other values than the model's, so that the prediction is what the new values would remove.
+    /// Whether the control held other values than the model's, so that the prediction is what the
+    /// new values would remove.
     pub corrected: bool,
 }
 

@@ -1,7 +1,7 @@
 //! Fanuc 30i: parameters of tool centre point control for five-axis machining, mixed type.
 //!
-//! 19680, 19681, 19684, 19686 and 19709-19711 (with the points D and E, and the holder offset 19666) are described in the
-//! maker's additional manual A-79348E; the others are marked.
+//! 19680, 19681, 19684, 19686 and 19709-19711 (with the points D and E, and the holder offset
+//! 19666) are described in the maker's additional manual A-79348E; the others are marked.
 
 use std::fmt::Write;
 

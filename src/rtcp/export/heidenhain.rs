@@ -1,7 +1,7 @@
 //! Heidenhain iTNC 530: the kinematics description table.
 //!
-//! The columns, and that the sequence starts at the tool reference point, are from the technical manual (iTNC 530 HSCI);
-//! the signs of the transformations are not confirmed on a control.
+//! The columns, and that the sequence starts at the tool reference point, are from the technical
+//! manual (iTNC 530 HSCI); the signs of the transformations are not confirmed on a control.
 
 use std::fmt::Write;
 

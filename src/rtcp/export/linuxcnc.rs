@@ -1,9 +1,10 @@
 //! LinuxCNC: an ini and a hal file for `maxkins` (head B / table C) that run without hardware.
 //!
-//! maxkins has the C axis at its XY origin and the B axis `pivot-length` above the tool point; the offset ΔX goes in through
-//! the U axis, which is parked at -ΔX. A positive C turns the table clockwise (`c_sense = -1`). A positive B turns the nozzle
-//! towards +X (B sense -1) in Debian 12's package; newer versions have the pin `conventional-directions`, which turns that
-//! round. `tools/linuxcnc-check` compares the joints of the real control with this program's.
+//! maxkins has the C axis at its XY origin and the B axis `pivot-length` above the tool point; the
+//! offset ΔX goes in through the U axis, which is parked at -ΔX. A positive C turns the table
+//! clockwise (`c_sense = -1`). A positive B turns the nozzle towards +X (B sense -1) in Debian 12's
+//! package; newer versions have the pin `conventional-directions`, which turns that round.
+//! `tools/linuxcnc-check` compares the joints of the real control with this program's.
 
 use std::fmt::Write;
 

@@ -1,7 +1,8 @@
-//! A machine's numbers as each control wants them: names, units, signs, and how sure it is that they mean that.
+//! A machine's numbers as each control wants them: names, units, signs, and how sure it is that
+//! they mean that.
 //!
-//! One file per control. A value whose meaning is not confirmed from the maker's own text is written with a comment that
-//! says so.
+//! One file per control. A value whose meaning is not confirmed from the maker's own text is
+//! written with a comment that says so.
 
 mod fanuc;
 mod heidenhain;

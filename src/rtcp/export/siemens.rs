@@ -1,7 +1,9 @@
-//! Siemens 840D, mixed kinematics: the orientable tool carrier `$TC_CARR` and the machine data of transformation type 56.
+//! Siemens 840D, mixed kinematics: the orientable tool carrier `$TC_CARR` and the machine data of
+//! transformation type 56.
 //!
-//! The pairing of I1..I4 with both sets, and I1 = -I2, I4 = -I3 for fixed-mounted machines, are from the commissioning
-//! manual (SINUMERIK Operate IM9, "Swivel head + swivel table"); so is that a table's axis direction is reversed.
+//! The pairing of I1..I4 with both sets, and I1 = -I2, I4 = -I3 for fixed-mounted machines, are
+//! from the commissioning manual (SINUMERIK Operate IM9, "Swivel head + swivel table"); so is that
+//! a table's axis direction is reversed.
 
 use std::fmt::Write;
 
