@@ -343,6 +343,26 @@ fn the_machine_command_lists_the_axes_and_draws_the_frames() {
 }
 
 #[test]
+fn a_tool_direction_gives_all_solutions_and_names_the_singular_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, poses) = (folder.path().join("machine.toml"), folder.path().join("poses.csv"));
+    std::fs::write(&machine, cell().to_toml() + "[axes.B]\nlimits_deg = [-100.0, 45.0]\n").unwrap();
+    std::fs::write(&poses, "x_mm,y_mm,z_mm,i,j,k\n5,6,7,0.866025403784,0,0.5\n5,6,7,0,0,1\n")
+        .unwrap();
+    let out = rtcp("inverse", &machine, &poses);
+    let rows: Vec<Vec<&str>> = out.lines().map(|l| l.split(',').collect()).collect();
+    assert_eq!(
+        rows[0],
+        "pose,solution,jx_mm,jy_mm,jz_mm,b_deg,c_deg,note".split(',').collect::<Vec<_>>()
+    );
+    let b: Vec<f64> = rows[1..].iter().map(|r| r[5].parse().unwrap()).collect();
+    assert!((b[0] + 60.0).abs() < 1e-6 && (b[1] - 60.0).abs() < 1e-6 && b[2] == 0.0, "{out}");
+    assert_eq!(rows[2][7], "B outside its limits");
+    assert_eq!(rows[3][7], "tool along C: C is free");
+    assert_eq!(rows.len(), 4, "{out}");
+}
+
+#[test]
 fn bad_poses_are_refused_by_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     let machine = folder.path().join("machine.toml");
@@ -352,6 +372,8 @@ fn bad_poses_are_refused_by_line_and_column() {
         ("x_mm,y_mm,z_mm,b_deg,c_rad\n1,2,3,4,5\n", "column 'c_rad': is not known"),
         ("x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,NaN,4,5\n", ":2: column 'z_mm'"),
         ("", "is empty"),
+        ("x_mm,y_mm,z_mm,i,j,k\n1,2,3,0,0,0\n", "all zero"),
+        ("x_mm,y_mm,z_mm,i,j,k,b_deg\n1,2,3,0,0,1,5\n", "column 'b_deg': does not go"),
     ] {
         let poses = folder.path().join("poses.csv");
         std::fs::write(&poses, text).unwrap();
