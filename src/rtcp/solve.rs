@@ -7,10 +7,10 @@
 //! X = X_rod + s (D/2 + ρ |cos B|) + ΔX (1 - cos B) + R sin B,     s = sign(sin B)
 //! ```
 //!
-//! Two touches, one on each side, give ΔX and R; at B = ±90° that is `X_B = (X1 + X2)/2`, `ΔX = X_B
-//! - X_rod`, `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100), except for the
-//! rim of a nozzle that is not quite at ±90°: it touches early by `ρ |sin ε|`, the same way on both
-//! sides, which enters by its second moment.
+//! Two touches, one on each side, give ΔX and R. At B = ±90° that is `X_B = (X1 + X2)/2`,
+//! `ΔX = X_B - X_rod` and `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100),
+//! except for the rim of a nozzle that is not quite at ±90°: it touches early by `ρ |sin ε|`, the
+//! same way on both sides, which enters by its second moment.
 
 use nalgebra::{SMatrix, SVector};
 
