@@ -211,6 +211,40 @@ fn singular_poses_are_named_and_limits_kept() {
 }
 
 #[test]
+fn next_to_a_singular_direction_the_pose_is_still_held() {
+    for order in ["w C b X Y Z B t", "w C A b X Y Z t", "w b X Y Z C B t"] {
+        let mut machine = cell();
+        machine.kinematics.order = order.into();
+        let chain = machine.chain().unwrap();
+        for exponent in 0..=16 {
+            let lean = 10f64.powi(-exponent);
+            for direction in
+                [Vector3::new(lean, -0.3 * lean, 1.0), Vector3::new(0.2 * lean, lean, -1.0)]
+            {
+                let pose = ToolPose {
+                    position_mm: Vector3::new(50.0, -20.0, 30.0),
+                    direction: direction.normalize(),
+                };
+                let solutions = chain.inverse(&pose, &[0.0; 5]);
+                assert!(!solutions.is_empty(), "{order} {lean}");
+                for s in solutions {
+                    let back = chain.forward(&s.joints);
+                    assert!(
+                        (back.position_mm - pose.position_mm).norm() < 1e-9,
+                        "{order} {lean} {s:?}"
+                    );
+                    // What is called singular is within 1e-7 rad of it.
+                    assert!(
+                        (back.direction - pose.direction).norm() < 1.1e-7,
+                        "{order} {lean} {s:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn the_machine_file_goes_round_and_refuses_what_it_does_not_know() {
     let text = r#"
 schema = 1
