@@ -47,6 +47,9 @@ struct Wish {
     /// How many burns or rods, all seen by one camera
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=100_000))]
     count: u32,
+    /// Read N × N pixels as one: smaller pictures of the same view
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=16))]
+    binning: u32,
 }
 
 /// Runs the command.
@@ -72,14 +75,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 fn burns(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
-    let scene = match (&wish.scene, wish.preset) {
+    let mut scene = match (&wish.scene, wish.preset) {
         (Some(path), _) => BurnScene::read(path)?,
         (None, preset) => BurnScene::preset(preset.unwrap_or(Preset::Clean))?,
     };
+    scene.camera = scene.camera.binned(wish.binning);
     let camera = scene.draw_camera(wish.seed)?;
     let mut rows = Vec::new();
     for number in 1..=wish.count {
-        let made = burn::render_with(&scene, &camera, wish.seed + u64::from(number) - 1)?;
+        let made =
+            burn::render_with(&scene, &camera, wish.seed.wrapping_add(u64::from(number) - 1))?;
         if number == 1 {
             write_calibration(&wish.out_dir, &camera)?;
         }
@@ -100,14 +105,16 @@ fn burns(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
 }
 
 fn rods(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
-    let scene = match (&wish.scene, wish.preset) {
+    let mut scene = match (&wish.scene, wish.preset) {
         (Some(path), _) => RodScene::read(path)?,
         (None, preset) => RodScene::preset(preset.unwrap_or(Preset::Clean))?,
     };
+    scene.camera = scene.camera.binned(wish.binning);
     let camera = scene.draw_camera(wish.seed)?;
     let mut rows = Vec::new();
     for number in 1..=wish.count {
-        let made = rod::render_with(&scene, &camera, wish.seed + u64::from(number) - 1)?;
+        let made =
+            rod::render_with(&scene, &camera, wish.seed.wrapping_add(u64::from(number) - 1))?;
         if number == 1 {
             write_calibration(&wish.out_dir, &camera)?;
         }

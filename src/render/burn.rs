@@ -306,7 +306,7 @@ struct Burn {
     blotches: Grain,
     halo: f64,
     halo_mm: f64,
-    wind: f64,
+    wind: Vector2<f64>,
     spot_center: Vector2<f64>,
     spot: Contour,
     spot_level: f64,
@@ -345,15 +345,14 @@ impl Burn {
             blotches: Grain::new(grain_seed(&mut dice.rng), 0.1, 0.1, 0.0),
             halo: dice.roll("ring.halo", &ring.halo, 0.0..=1.0)?,
             halo_mm: dice.roll("ring.halo_mm", &ring.halo_mm, 0.01..=100.0)?,
-            wind: dice.direction(),
+            wind: dice.heading(),
             spot_center,
             spot,
             spot_level: dice.roll("spot.level", &scene.spot.level, 0.0..=5.0)?,
             spatter: scene.spatter.strew(dice, "spatter", |dice| {
                 // Thrown outwards: dense at the ring, thinner far out.
                 let r = radius * (0.4 + dice.between(0.0, 1.0) + dice.between(0.0, 0.6));
-                let (sin, cos) = dice.direction().sin_cos();
-                center + Vector2::new(cos, sin) * r
+                center + dice.heading() * r
             })?,
         })
     }
@@ -507,7 +506,7 @@ impl Scene for Burn {
                 depth = 1.0 + (depth - 1.0) * t;
             }
             if self.halo > 0.0 {
-                value *= 1.0 - self.tint(r, angle) * self.depth.at(angle) * band.tint;
+                value *= 1.0 - self.tint(r, d) * self.depth.at(angle) * band.tint;
             }
             burnt = (outer * (1.0 - inner) * depth).min(1.2);
             value += (seen(self.level) * grain - value) * burnt;
@@ -529,11 +528,15 @@ impl Scene for Burn {
 impl Burn {
     /// Heat tint outside the ring and inside an annulus: oxide colours in bands that fade outwards,
     /// stronger where the gas blew.
-    fn tint(&self, r_mm: f64, angle: f64) -> f64 {
+    fn tint(&self, r_mm: f64, d: Vector2<f64>) -> f64 {
         let out = r_mm - self.outer.radius_mm;
         let inside = self.inner.as_ref().map_or(f64::NEG_INFINITY, |c| c.radius_mm - r_mm);
         let away = out.max(inside).max(0.0) / self.halo_mm;
+        if away > 7.0 {
+            return 0.0;
+        }
         let bands = 0.75 + 0.25 * (away * 4.0).cos();
-        self.halo * (-away).exp() * bands * (1.0 + 0.4 * (angle - self.wind).cos()) / 1.4
+        let blown = 1.0 + 0.4 * d.dot(&self.wind) / r_mm.max(1e-9);
+        self.halo * (-away).exp() * bands * blown / 1.4
     }
 }

@@ -93,6 +93,19 @@ pub struct Camera {
 }
 
 impl Optics {
+    /// The same view with `n` × `n` pixels read as one; the blur keeps its size in pixels.
+    pub fn binned(&self, n: u32) -> Self {
+        let less = 1.0 / f64::from(n);
+        Self {
+            width_px: self.width_px / n,
+            height_px: self.height_px / n,
+            pixel_mm: self.pixel_mm.times(f64::from(n)),
+            focal_px: self.focal_px.times(less),
+            axis_shift_px: std::array::from_fn(|i| self.axis_shift_px[i].times(less)),
+            ..self.clone()
+        }
+    }
+
     /// Draws one camera.
     pub(super) fn draw(&self, dice: &mut Dice) -> Result<Camera> {
         for (field, value) in

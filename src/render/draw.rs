@@ -3,6 +3,7 @@
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector2;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -35,6 +36,17 @@ impl From<f64> for Draw {
 impl From<[f64; 2]> for Draw {
     fn from(range: [f64; 2]) -> Self {
         Self::Between(range)
+    }
+}
+
+impl Draw {
+    /// The same choice of values, each times a factor.
+    pub fn times(&self, factor: f64) -> Self {
+        match self {
+            Self::Fixed(value) => Self::Fixed(value * factor),
+            Self::Between(range) => Self::Between(range.map(|v| v * factor)),
+            Self::Any { any } => Self::Any { any: any.iter().map(|v| v * factor).collect() },
+        }
     }
 }
 
@@ -99,6 +111,12 @@ impl Dice {
     /// A direction, all equally likely, in radians.
     pub fn direction(&mut self) -> f64 {
         self.rng.random::<f64>() * std::f64::consts::TAU
+    }
+
+    /// The same as a vector of length one.
+    pub fn heading(&mut self) -> Vector2<f64> {
+        let (sin, cos) = self.direction().sin_cos();
+        Vector2::new(cos, sin)
     }
 
     /// Uniform between two numbers.

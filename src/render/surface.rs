@@ -78,8 +78,7 @@ impl Light {
         let shading = dice.roll("light.shading", &self.shading, 0.0..=1.5)?;
         let loss = dice.roll("light.vignetting", &self.vignetting, 0.0..=0.9)?;
         let middle = Vector2::new(f64::from(width_px) - 1.0, f64::from(height_px) - 1.0) / 2.0;
-        let (sin, cos) = dice.direction().sin_cos();
-        let slope = Vector2::new(cos, sin) * shading / f64::from(width_px);
+        let slope = dice.heading() * shading / f64::from(width_px);
         Ok(Shade { slope, middle, loss, corner2: middle.norm_squared() })
     }
 
@@ -216,10 +215,9 @@ impl Specks {
             let radius_mm =
                 dice.roll(&format!("{table}.radius_mm"), &self.radius_mm, 1e-4..=10.0)?;
             let level = dice.roll(&format!("{table}.level"), &self.level, 0.0..=5.0)?;
-            let (sin, cos) = dice.direction().sin_cos();
+            let direction = dice.heading();
             let slimness = dice.between(0.4, 1.0);
             let center_mm = place(dice);
-            let direction = Vector2::new(cos, sin);
             dots.push(Dot { center_mm, radius_mm, slimness, direction, level });
         }
         Ok(dots)
