@@ -1,6 +1,12 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod export;
+mod machine;
 mod render;
+mod rtcp;
+mod simulate;
+mod solve;
+mod verify;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -50,6 +56,12 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Render(render::Args),
+    Export(export::Args),
+    Machine(machine::Args),
+    Rtcp(rtcp::Args),
+    Simulate(simulate::Args),
+    Solve(solve::Args),
+    Verify(verify::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -108,6 +120,12 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Render(args) => render::run(args, global),
+        Command::Export(args) => export::run(args, global),
+        Command::Machine(args) => machine::run(args, global),
+        Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Simulate(args) => simulate::run(args, global),
+        Command::Solve(args) => solve::run(args, global),
+        Command::Verify(args) => verify::run(args, global),
     }
 }
 
