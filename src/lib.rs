@@ -10,6 +10,7 @@ pub mod error;
 pub mod fit;
 pub mod output;
 pub mod plot;
+pub mod rotary;
 pub mod table;
 pub mod tomlfile;
 pub mod uncertainty;

@@ -1,5 +1,7 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod rotary;
+
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -46,7 +48,9 @@ impl Global {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Rotary(rotary::Args),
+}
 
 /// What a command hands back: something to print, and how it went.
 #[derive(Debug)]
@@ -101,8 +105,10 @@ pub fn run() -> ExitCode {
 }
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
-    let _global = &cli.global;
-    match cli.command {}
+    let global = &cli.global;
+    match &cli.command {
+        Command::Rotary(args) => rotary::run(args, global),
+    }
 }
 
 /// Prints the document where the user asked for it. A closed pipe is not an error.
