@@ -12,6 +12,7 @@ pub mod output;
 pub mod plot;
 pub mod rotary;
 pub mod table;
+pub mod thermal;
 pub mod tomlfile;
 pub mod uncertainty;
 
