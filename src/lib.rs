@@ -6,8 +6,11 @@
 
 pub mod camera;
 pub mod cli;
+pub mod edge;
 pub mod error;
 pub mod fit;
+pub mod frame;
+pub mod measure;
 pub mod output;
 pub mod plot;
 pub mod rotary;
