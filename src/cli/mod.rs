@@ -1,6 +1,7 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
 mod rotary;
+mod thermal;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -50,6 +51,7 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Rotary(rotary::Args),
+    Thermal(thermal::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -108,6 +110,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Rotary(args) => rotary::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
     }
 }
 

@@ -96,7 +96,11 @@ struct SimulateArgs {
 fn pair(text: &str) -> std::result::Result<(String, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write AXIS=VALUE, for example x=20")?;
     let value: f64 = value.trim().parse().map_err(|_| format!("'{value}' is not a number"))?;
-    if value.is_finite() { Ok((name.trim().to_ascii_lowercase(), value)) } else { Err("is not finite".into()) }
+    if value.is_finite() {
+        Ok((name.trim().to_ascii_lowercase(), value))
+    } else {
+        Err("is not finite".into())
+    }
 }
 
 /// Runs the command.
@@ -201,7 +205,11 @@ fn correct_table(args: &CompensateArgs, table: &Path, global: &Global) -> Result
 
 fn write_simulation(args: &SimulateArgs, global: &Global) -> Result<Outcome> {
     if !(1..=60).contains(&args.sensors) || !(20..=1_000_000).contains(&args.rows) {
-        return Err(Error::option("--sensors, --rows", "out of range", "give 1 to 60 and 20 to 1000000"));
+        return Err(Error::option(
+            "--sensors, --rows",
+            "out of range",
+            "give 1 to 60 and 20 to 1000000",
+        ));
     }
     create_folder(&args.dir)?;
     let truth = simulate::Truth::sample(args.sensors);

@@ -225,7 +225,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     for (i, (rises, &y)) in data.rises_c.iter().zip(&data.displacement_mm).enumerate() {
         blocks[i * BLOCKS / rows].add_row(rises, y);
     }
-    let total = sum_of(&blocks, |_| true);
+    let mut total = sum_of(&blocks, |_| true);
     let selecting = options.select || live.len() > options.max_sensors;
     let need = 3 * BLOCKS.max(if selecting { 1 } else { live.len() + 1 });
     if rows < need {
@@ -278,6 +278,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
         left += blocks[k].left(&columns, &coefficients);
     }
     let y = total.displacement_column();
+    total.effective_rows = rows as f64 / widen;
     let mut head = Head {
         sensors,
         cold_c: options.cold_c.clone(),
@@ -289,7 +290,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
         after_rms_mm: (solved.left / rows as f64).sqrt(),
         held_out_rms_mm: (left / rows as f64).sqrt(),
         residual_correlation: rho,
-        sums: Sums { effective_rows: rows as f64 / widen, ..total },
+        sums: total,
     };
     head.coefficients = chosen
         .iter()

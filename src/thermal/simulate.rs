@@ -32,7 +32,7 @@ impl Truth {
                 ("z".into(), 20.0, 9.0e-6, 50.0, 400.0),
             ],
             noise_mm: 0.0008,
-            noise_c: 0.05,
+            noise_c: 0.02,
         }
     }
 
@@ -41,22 +41,24 @@ impl Truth {
         self.head_mm_per_c.iter().zip(rises_c).map(|(a, t)| a * t).sum()
     }
 
-    /// True rises over a warm-up, a pause and a second load, each sensor with its own time constant.
+    /// True rises under two loads that change (laser power, motion); each sensor has its own share and lag.
     fn rises(&self, rows: usize, random: &mut ChaCha8Rng) -> Vec<Vec<f64>> {
         let n = self.head_mm_per_c.len();
-        let lag: Vec<f64> = (0..n).map(|_| random.random_range(0.02..0.25)).collect();
-        let gain: Vec<f64> = (0..n).map(|_| random.random_range(6.0..25.0)).collect();
         let mut state = vec![0.0; n];
-        let step = 12.0 / rows as f64;
-        let mut load = 1.0;
+        let mut loads = [1.0, 1.0];
         (0..rows)
             .map(|row| {
-                if row % (rows / 8).max(1) == 0 {
-                    load = random.random_range(0.0..1.0);
+                if row % (rows / 12).max(1) == 0 {
+                    loads = [random.random_range(0.0..1.0), random.random_range(0.0..1.0)];
                 }
-                for i in 0..n {
-                    state[i] +=
-                        (gain[i] * load - state[i]) * (1.0 - (-step / (4.0 * lag[i])).exp());
+                for (i, state) in state.iter_mut().enumerate() {
+                    // Constants of the machine: the same on every day.
+                    let share = (0.5 + 0.381_966 * i as f64).fract();
+                    let lag_rows =
+                        rows as f64 * (0.01 + 0.08 * (0.1 + 0.618_034 * i as f64).fract());
+                    let gain_c = 8.0 + 14.0 * (0.3 + 0.754_878 * i as f64).fract();
+                    let drive = gain_c * (share * loads[0] + (1.0 - share) * loads[1]);
+                    *state += (drive - *state) * (1.0 - (-1.0 / lag_rows).exp());
                 }
                 state.clone()
             })

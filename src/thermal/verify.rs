@@ -89,7 +89,9 @@ pub fn correct(compensator: &mut Compensator, path: &Path) -> Result<Report> {
 impl Report {
     /// Lines for people.
     pub fn text(&self) -> String {
-        let mut out = String::from("axis  position mm  correction mm    ±95 %   measured mm    left mm  flags\n");
+        let mut out = String::from(
+            "axis  position mm  correction mm    ±95 %   measured mm    left mm  flags\n",
+        );
         let cell = |v: Option<f64>| v.map_or("-".to_owned(), |v| format!("{v:+.4}"));
         for r in &self.rows {
             out.push_str(&format!(
@@ -112,7 +114,11 @@ impl Report {
     /// Measured error and what is left, row by row.
     pub fn figure(&self) -> Figure {
         let pick = |f: fn(&Row) -> Option<f64>| -> Vec<(f64, f64)> {
-            self.rows.iter().enumerate().filter_map(|(i, r)| f(r).map(|v| (i as f64 + 1.0, v))).collect()
+            self.rows
+                .iter()
+                .enumerate()
+                .filter_map(|(i, r)| f(r).map(|v| (i as f64 + 1.0, v)))
+                .collect()
         };
         let left: Vec<_> = self
             .rows
