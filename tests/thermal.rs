@@ -163,7 +163,7 @@ fn what_lies_outside_the_calibration_is_flagged_and_held() {
     let three = ask(r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[3,3,null,3]}"#);
     assert!(three.correction_u95_mm["x"] > all.correction_u95_mm["x"]);
     ask(r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[3,3,3.5,3]}"#);
-    let stuck = ask(r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[7.2,7.2,3.5,7.2]}"#);
+    let stuck = ask(r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[9,2.9,3.5,3.1]}"#);
     assert_eq!(stuck.flags, ["head-stuck:3"]);
 }
 
