@@ -1,6 +1,8 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
 mod rotary;
+mod rtcp;
+mod solve;
 mod thermal;
 
 use std::io::Write;
@@ -52,6 +54,8 @@ impl Global {
 enum Command {
     Rotary(rotary::Args),
     Thermal(thermal::Args),
+    Rtcp(rtcp::Args),
+    Solve(solve::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -111,6 +115,8 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     match &cli.command {
         Command::Rotary(args) => rotary::run(args, global),
         Command::Thermal(args) => thermal::run(args, global),
+        Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Solve(args) => solve::run(args, global),
     }
 }
 
