@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod ballbar;
 mod rotary;
 mod rtcp;
 mod solve;
@@ -52,6 +53,7 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Ballbar(ballbar::Args),
     Rotary(rotary::Args),
     Thermal(thermal::Args),
     Rtcp(rtcp::Args),
@@ -113,6 +115,7 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Ballbar(args) => ballbar::run(args, global),
         Command::Rotary(args) => rotary::run(args, global),
         Command::Thermal(args) => thermal::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),

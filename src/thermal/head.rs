@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::sums::{Sums, select, sum_of, with_constant};
 use crate::error::{Error, Result};
+use crate::fit::serial;
 use crate::table::Table;
 use crate::uncertainty::k95;
 
@@ -345,9 +346,5 @@ fn correlation(data: &Data, columns: &[usize], coefficients: &DVector<f64>) -> (
             y - model
         })
         .collect();
-    let square: f64 = residuals.iter().map(|r| r * r).sum();
-    let cross: f64 = residuals.windows(2).map(|w| w[0] * w[1]).sum();
-    let n = residuals.len() as f64;
-    let rho = if square > 0.0 { (cross / square).clamp(-0.99, 0.99) } else { 0.0 };
-    if rho > 2.0 / n.sqrt() { ((1.0 + rho) / (1.0 - rho), rho) } else { (1.0, rho) }
+    serial::widening(&residuals)
 }
