@@ -9,6 +9,7 @@ pub mod camera;
 pub mod cli;
 pub mod edge;
 pub mod error;
+pub mod find;
 pub mod fit;
 pub mod frame;
 pub mod machine;
