@@ -203,7 +203,8 @@ fn simulate(args: &SimulateArgs) -> Result<Outcome> {
         let value: f64 =
             value.trim().parse().map_err(|_| wrong(format!("'{value}' is no number")))?;
         errors[index] = if ERRORS[index].1 == "mm" { value } else { value.to_radians() };
-        if !(errors[index].abs() < if ERRORS[index].1 == "mm" { 10.0 } else { 0.1 }) {
+        let most = if ERRORS[index].1 == "mm" { 10.0 } else { 0.1 };
+        if errors[index].is_nan() || errors[index].abs() > most {
             return Err(wrong(format!("'{text}' is no small error")));
         }
     }
