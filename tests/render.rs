@@ -1,6 +1,8 @@
 //! Rendered pictures are what their truth says, by means that share nothing with measuring: moments of
 //! the mark's darkness.
 
+#![allow(clippy::unwrap_used)]
+
 use assert_cmd::Command;
 use nalgebra::Vector2;
 use pivotsight::render::burn::{self, Beam};
