@@ -1,10 +1,14 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod ballbar;
 mod export;
 mod machine;
+mod render;
+mod rotary;
 mod rtcp;
 mod simulate;
 mod solve;
+mod thermal;
 mod verify;
 
 use std::io::Write;
@@ -54,6 +58,10 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Render(render::Args),
+    Ballbar(ballbar::Args),
+    Rotary(rotary::Args),
+    Thermal(thermal::Args),
     Export(export::Args),
     Machine(machine::Args),
     Rtcp(rtcp::Args),
@@ -117,6 +125,10 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Render(args) => render::run(args, global),
+        Command::Ballbar(args) => ballbar::run(args, global),
+        Command::Rotary(args) => rotary::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
         Command::Export(args) => export::run(args, global),
         Command::Machine(args) => machine::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
