@@ -7,6 +7,7 @@
 pub mod ballbar;
 pub mod camera;
 pub mod cli;
+pub mod draw;
 pub mod edge;
 pub mod error;
 pub mod find;

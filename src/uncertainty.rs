@@ -91,6 +91,16 @@ impl std::fmt::Display for Verdict {
     }
 }
 
+/// `value ± u95` for people, with two figures of the uncertainty (3 to 6 decimals).
+pub fn text(value: f64, u95: f64) -> String {
+    let places = if u95 > 0.0 && u95.is_finite() {
+        (1.0 - u95.log10().floor()).clamp(3.0, 6.0) as usize
+    } else {
+        4
+    };
+    format!("{value:.places$} ± {u95:.places$}")
+}
+
 /// Length of a measured offset and the half-width of its 95 % interval, from the offset's covariance.
 ///
 /// Far from zero only the variance along the offset counts (factor `k95(dof)`). Near zero the length of an

@@ -1,8 +1,11 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
 mod ballbar;
+mod burn;
+mod circles;
 mod export;
 mod machine;
+mod pictures;
 mod render;
 mod rotary;
 mod rtcp;
@@ -58,6 +61,8 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Burn(burn::Args),
+    Circles(circles::Args),
     Render(render::Args),
     Ballbar(ballbar::Args),
     Rotary(rotary::Args),
@@ -125,6 +130,8 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Burn(args) => burn::run(args, global),
+        Command::Circles(args) => circles::run(args, global),
         Command::Render(args) => render::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Rotary(args) => rotary::run(args, global),

@@ -109,7 +109,8 @@ pub fn measure(
     }
 }
 
-fn check(options: &Options) -> Result<()> {
+/// Checks the options; the same for every picture.
+pub fn check(options: &Options) -> Result<()> {
     if options.expect_mm.is_empty() {
         return Err(Error::option(
             "--expect-mm",

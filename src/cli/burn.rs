@@ -1,0 +1,179 @@
+//! `pivotsight burn`: is the spot concentric with the ring, and what has to be turned?
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use super::pictures::{self, Shown};
+use super::{Global, Outcome};
+use crate::camera::Calibration;
+use crate::draw;
+use crate::error::{Error, Result};
+use crate::frame::{Channel, Picture};
+use crate::measure::CircleReport;
+use crate::measure::burn::{self, Options, Report, ToleranceKind};
+use crate::uncertainty::{Verdict, text};
+
+/// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Pictures of burn tests
+    #[arg(value_name = "IMAGE", required = true)]
+    images: Vec<PathBuf>,
+    /// The camera's calibration file
+    #[arg(long, value_name = "FILE")]
+    calib: PathBuf,
+    /// The limit
+    #[arg(long, value_name = "MM", default_value_t = 0.01)]
+    tolerance_mm: f64,
+    /// What the limit applies to
+    #[arg(long, value_enum, default_value = "distance")]
+    tolerance_kind: ToleranceKind,
+    /// Nozzle height at which the ring was burnt
+    #[arg(long, value_name = "MM", default_value_t = 50.0)]
+    ring_height_mm: f64,
+    /// Nozzle height at which the spot was burnt
+    #[arg(long, value_name = "MM", default_value_t = 3.0)]
+    spot_height_mm: f64,
+    /// Length of the head's flange over which shims tilt it
+    #[arg(long, value_name = "L")]
+    flange_mm: Option<f64>,
+    /// Which part of colour pictures is measured
+    #[arg(long, value_enum, default_value = "auto")]
+    channel: Channel,
+    /// About where the ring's centre is in the plane, for pictures with several burns
+    #[arg(
+        long,
+        value_name = "X,Y",
+        value_delimiter = ',',
+        num_args = 1,
+        allow_hyphen_values = true
+    )]
+    near_mm: Vec<f64>,
+    /// Write pictures of what was measured to DIR
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let near_mm = match args.near_mm[..] {
+        [] => None,
+        [x, y] if x.is_finite() && y.is_finite() => Some([x, y]),
+        _ => {
+            return Err(Error::option(
+                "--near-mm",
+                "is not one place in the plane",
+                "give two numbers in mm: --near-mm X,Y",
+            ));
+        }
+    };
+    let options = Options {
+        tolerance_mm: args.tolerance_mm,
+        tolerance_kind: args.tolerance_kind,
+        ring_height_mm: args.ring_height_mm,
+        spot_height_mm: args.spot_height_mm,
+        flange_mm: args.flange_mm,
+        channel: args.channel,
+        near_mm,
+    };
+    burn::check(&options)?;
+    let calibration = Calibration::read(&args.calib)?;
+    pictures::run("burn", &args.images, args.overlay.as_deref(), global, |image| {
+        let subject = image.display().to_string();
+        let picture = Picture::read(image)?;
+        let measured = burn::measure(&picture, &calibration, &options, &subject)?;
+        let report = &measured.report;
+        let overlay = match &args.overlay {
+            Some(_) => Some(draw::burn(&picture, &calibration, &measured, &subject)?),
+            None => None,
+        };
+        Ok(Shown {
+            keys: pictures::keys(report, &subject)?,
+            table: format!("{subject}\n{}", table(report)),
+            warnings: report.warnings.clone(),
+            good: report.verdict == Verdict::Pass,
+            overlay,
+        })
+    })
+}
+
+fn table(r: &Report) -> String {
+    let mut t = String::new();
+    // Writing to a String cannot fail.
+    for (name, c) in [("ring", &r.ring), ("spot", &r.spot)] {
+        let _ = writeln!(t, "  {name:<11}{}", circle(c));
+    }
+    let _ = writeln!(
+        t,
+        "  {:<11}dx {} mm   dy {} mm   (spot - ring)",
+        "offset",
+        text(r.offset_mm[0], r.offset_u95_mm[0]),
+        text(r.offset_mm[1], r.offset_u95_mm[1]),
+    );
+    let (of_distance, of_zone) = match r.tolerance_kind {
+        ToleranceKind::Distance => (format!(" (limit {} mm)", r.tolerance_mm), String::new()),
+        ToleranceKind::Zone => (String::new(), format!(" (limit {} mm)", r.tolerance_mm)),
+    };
+    let _ = writeln!(
+        t,
+        "  {:<11}{} mm{of_distance}   zone {} mm{of_zone}",
+        "distance",
+        text(r.distance_mm, r.distance_u95_mm),
+        text(r.zone_mm, 2.0 * r.distance_u95_mm),
+    );
+    let _ = writeln!(t, "  {:<11}{}", "verdict", verdict(r.verdict));
+    let c = &r.correction;
+    let _ = writeln!(
+        t,
+        "  {:<11}{}° about Y: {}",
+        "turn B by",
+        text(c.b_deg, c.b_u95_deg),
+        swing(c.b_deg, c.b_u95_deg, "-X", "+X")
+    );
+    let shims = c.shim_mm.map_or(String::new(), |mm| format!(", shims of {:.4} mm", mm.abs()));
+    let _ = writeln!(
+        t,
+        "  {:<11}{}° about X: {}{shims}",
+        "shim by",
+        text(c.shim_deg, c.shim_u95_deg),
+        swing(c.shim_deg, c.shim_u95_deg, "+Y", "-Y")
+    );
+    t
+}
+
+/// A circle in one line.
+pub fn circle(c: &CircleReport) -> String {
+    format!(
+        "Ø {} mm   at ({}, {}) ± ({:.5}, {:.5}) mm   edge {:.0} %, form {:.4} mm rms",
+        text(c.diameter_mm, c.diameter_u95_mm),
+        bare(c.center_mm[0], c.center_u95_mm[0]),
+        bare(c.center_mm[1], c.center_u95_mm[1]),
+        c.center_u95_mm[0],
+        c.center_u95_mm[1],
+        100.0 * c.arc_coverage,
+        c.form_rms_mm,
+    )
+}
+
+fn bare(value: f64, u95: f64) -> String {
+    text(value, u95).split(' ').next().unwrap_or_default().to_owned()
+}
+
+fn verdict(v: Verdict) -> &'static str {
+    match v {
+        Verdict::Pass => "PASS",
+        Verdict::Fail => "FAIL",
+        Verdict::Undecided => {
+            "UNDECIDED: the limit lies inside the uncertainty; measure again, or better"
+        }
+    }
+}
+
+/// Which way the nozzle has to swing, or that nothing is to be turned.
+fn swing(deg: f64, u95_deg: f64, positive: &str, negative: &str) -> String {
+    if deg.abs() <= u95_deg {
+        "nothing to turn, the offset is within its uncertainty".to_owned()
+    } else {
+        format!("the nozzle has to swing towards {}", if deg > 0.0 { positive } else { negative })
+    }
+}

@@ -1,0 +1,78 @@
+//! `pivotsight circles`: circles of expected diameters, and how concentric they are.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use super::pictures::{self, Shown};
+use super::{Global, Outcome};
+use crate::camera::Calibration;
+use crate::draw;
+use crate::error::Result;
+use crate::frame::{Channel, Picture};
+use crate::measure::circles::{self, Options, Report};
+use crate::uncertainty::text;
+
+/// Measures circles of expected diameters: centres, diameters and how concentric they are
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Pictures that show the circles
+    #[arg(value_name = "IMAGE", required = true)]
+    images: Vec<PathBuf>,
+    /// The camera's calibration file
+    #[arg(long, value_name = "FILE")]
+    calib: PathBuf,
+    /// Expected diameter; once for each circle, reported in this order
+    #[arg(long, value_name = "D", required = true, allow_negative_numbers = true)]
+    expect_mm: Vec<f64>,
+    /// Which part of colour pictures is measured
+    #[arg(long, value_enum, default_value = "auto")]
+    channel: Channel,
+    /// Write pictures of what was measured to DIR
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let options = Options { expect_mm: args.expect_mm.clone(), channel: args.channel };
+    circles::check(&options)?;
+    let calibration = Calibration::read(&args.calib)?;
+    pictures::run("circles", &args.images, args.overlay.as_deref(), global, |image| {
+        let subject = image.display().to_string();
+        let picture = Picture::read(image)?;
+        let measured = circles::measure(&picture, &calibration, &options, &subject)?;
+        let overlay = match &args.overlay {
+            Some(_) => Some(draw::circles(&picture, &calibration, &measured, &subject)?),
+            None => None,
+        };
+        let report = &measured.report;
+        Ok(Shown {
+            keys: pictures::keys(report, &subject)?,
+            table: format!("{subject}\n{}", table(report)),
+            warnings: report.warnings.clone(),
+            good: true,
+            overlay,
+        })
+    })
+}
+
+fn table(r: &Report) -> String {
+    let mut t = String::new();
+    // Writing to a String cannot fail.
+    for (i, c) in r.circles.iter().enumerate() {
+        let _ = writeln!(t, "  circle {i}   {}", super::burn::circle(&c.circle));
+    }
+    for p in &r.pairs {
+        let _ = writeln!(
+            t,
+            "  {} to {}     distance {} mm   dx {:+.5}   dy {:+.5}   zone {:.5} mm",
+            p.a,
+            p.b,
+            text(p.distance_mm, p.distance_u95_mm),
+            p.offset_mm[0],
+            p.offset_mm[1],
+            p.zone_mm
+        );
+    }
+    t
+}

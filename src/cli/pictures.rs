@@ -1,0 +1,141 @@
+//! What `burn` and `circles` share: many pictures measured in parallel, printed in the order given.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use rayon::prelude::*;
+use serde_json::{Map, Value, json};
+
+use super::{Global, Outcome, Status, envelope};
+use crate::error::{Error, Result};
+use crate::output::{Document, create_folder, write_whole};
+
+/// One measured picture, ready to print.
+pub struct Shown {
+    /// The report's keys.
+    pub keys: Map<String, Value>,
+    /// The same for people.
+    pub table: String,
+    /// Its warnings.
+    pub warnings: Vec<String>,
+    /// Whether a verdict, where there is one, is `pass`.
+    pub good: bool,
+    /// The overlay as PNG, where one is asked for.
+    pub overlay: Option<Vec<u8>>,
+}
+
+/// Measures every picture with `job` and builds what the command prints. A single picture that fails is the
+/// command's error; of several, each that fails is an entry with `image` and `error`.
+pub fn run(
+    command: &str,
+    images: &[PathBuf],
+    overlay: Option<&Path>,
+    global: &Global,
+    job: impl Fn(&Path) -> Result<Shown> + Sync,
+) -> Result<Outcome> {
+    if let Some(folder) = overlay {
+        create_folder(folder)?;
+    }
+    let names = overlay_names(images);
+    let one = |(image, name): (&PathBuf, &String)| -> Result<Shown> {
+        let mut shown = job(image)?;
+        if let (Some(folder), Some(png)) = (overlay, shown.overlay.take()) {
+            write_whole(folder.join(name), &png)?;
+        }
+        Ok(shown)
+    };
+    let mut results: Vec<Result<Shown>> = images.par_iter().zip(&names).map(one).collect();
+    if let [image] = images {
+        let shown = results.remove(0)?;
+        shown.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+        let document = Document::single(entry(command, image, &shown), shown.table);
+        return Ok(Outcome { document: Some(document), status: status(shown.good) });
+    }
+    Ok(several(command, images, &results, global))
+}
+
+fn status(good: bool) -> Status {
+    if good { Status::Good } else { Status::OutOfTolerance }
+}
+
+/// A picture's result as it is printed on its own.
+fn entry(command: &str, image: &Path, shown: &Shown) -> Value {
+    let mut json = envelope(command, image, &shown.warnings);
+    json.insert("image".into(), json!(image));
+    json.extend(shown.keys.clone());
+    Value::Object(json)
+}
+
+fn several(
+    command: &str,
+    images: &[PathBuf],
+    results: &[Result<Shown>],
+    global: &Global,
+) -> Outcome {
+    let (mut rows, mut warnings, mut table) = (Vec::new(), Vec::new(), String::new());
+    let (mut failed, mut good) = (0, true);
+    for (image, result) in images.iter().zip(results) {
+        match result {
+            Ok(shown) => {
+                good &= shown.good;
+                rows.push(entry(command, image, shown));
+                warnings.extend(shown.warnings.iter().map(|w| format!("{}: {w}", image.display())));
+                table.push_str(&shown.table);
+            }
+            Err(e) => {
+                failed += 1;
+                let mut json = envelope(command, image, &[]);
+                json.insert("image".into(), json!(image));
+                json.insert("error".into(), json!(e.to_string()));
+                rows.push(Value::Object(json));
+                table.push_str(&format!("{}\n  FAILED: {e}\n", image.display()));
+                global.say(format!("pivotsight: {e}"));
+            }
+        }
+    }
+    warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let mut json = envelope(command, images, &warnings);
+    let results: Vec<Value> = rows.iter().map(own_keys).collect();
+    json.insert("results".into(), results.into());
+    let status = match failed {
+        0 => status(good),
+        n if n == images.len() => Status::BadInput,
+        _ => Status::SomeFailed,
+    };
+    Outcome { document: Some(Document { json: json.into(), rows, table }), status }
+}
+
+/// An entry of `results`: the envelope round all of them says the rest.
+fn own_keys(row: &Value) -> Value {
+    let mut row = row.clone();
+    if let Value::Object(map) = &mut row {
+        ["schema", "version", "input"].iter().for_each(|key| drop(map.shift_remove(*key)));
+    }
+    row
+}
+
+/// A file name for each picture's overlay; pictures of one name in different folders are numbered.
+fn overlay_names(images: &[PathBuf]) -> Vec<String> {
+    let mut taken = HashSet::new();
+    images
+        .iter()
+        .map(|image| {
+            let stem = image.file_stem().unwrap_or_default().to_string_lossy();
+            let mut name = format!("{stem}.overlay.png");
+            let mut number = 2;
+            while !taken.insert(name.clone()) {
+                name = format!("{stem}-{number}.overlay.png");
+                number += 1;
+            }
+            name
+        })
+        .collect()
+}
+
+/// The keys of a report.
+pub fn keys(report: &impl serde::Serialize, subject: &str) -> Result<Map<String, Value>> {
+    match serde_json::to_value(report) {
+        Ok(Value::Object(keys)) => Ok(keys),
+        _ => Err(Error::measure(subject, "the report cannot be written as JSON", "report this")),
+    }
+}

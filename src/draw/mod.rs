@@ -1,0 +1,143 @@
+//! Overlay pictures: what was measured, drawn over the frame so that a person can judge it at a glance.
+
+mod canvas;
+mod sheet;
+
+use nalgebra::Vector2;
+
+use crate::camera::Calibration;
+use crate::error::Result;
+use crate::fit::Circle;
+use crate::frame::Picture;
+use crate::measure::burn::{self, ToleranceKind};
+use crate::measure::{circles, ring::Ring};
+use crate::uncertainty::{Verdict, text};
+use canvas::Rgb;
+use sheet::{Line, REJECTED, Sheet, USED};
+
+/// One colour for each circle, in order.
+const CIRCLES: [Rgb; 5] =
+    [[80, 190, 255], [255, 190, 60], [220, 120, 255], [120, 255, 220], [255, 140, 140]];
+/// The offset's arrow.
+const OFFSET: Rgb = [255, 255, 80];
+
+/// The overlay of a burn test as PNG.
+pub fn burn(
+    picture: &Picture,
+    calibration: &Calibration,
+    measured: &burn::Measured,
+    title: &str,
+) -> Result<Vec<u8>> {
+    let report = &measured.report;
+    let frame = picture.frame(report.channel);
+    let view = calibration.view(frame.width(), frame.height())?;
+    let mut sheet = Sheet::new(&frame, &view);
+    let factor = rings(&mut sheet, &[&measured.ring, &measured.spot]);
+    sheet.scale_bar();
+    let (value, u95, kind) = match report.tolerance_kind {
+        ToleranceKind::Distance => (report.distance_mm, report.distance_u95_mm, "distance"),
+        ToleranceKind::Zone => (report.zone_mm, 2.0 * report.distance_u95_mm, "zone"),
+    };
+    let (word, colour) = match report.verdict {
+        Verdict::Pass => ("PASS", USED),
+        Verdict::Fail => ("FAIL", REJECTED),
+        Verdict::Undecided => ("UNDECIDED", CIRCLES[1]),
+    };
+    let headline = Line(
+        format!("{word}  {kind} {} mm, limit {} mm", text(value, u95), report.tolerance_mm),
+        colour,
+    );
+    let c = &report.correction;
+    let lines = [
+        Line::plain(format!(
+            "offset spot - ring  dx {} mm  dy {} mm",
+            text(report.offset_mm[0], report.offset_u95_mm[0]),
+            text(report.offset_mm[1], report.offset_u95_mm[1])
+        )),
+        Line::plain(format!(
+            "turn B by {}°  shim by {}°",
+            text(c.b_deg, c.b_u95_deg),
+            text(c.shim_deg, c.shim_u95_deg)
+        )),
+        circle_line("ring", &report.ring, CIRCLES[0]),
+        circle_line("spot", &report.spot, CIRCLES[1]),
+        legend(Some(factor)),
+        Line::faint(title),
+    ];
+    sheet.finish(&headline, &lines)
+}
+
+/// The overlay of expected circles as PNG.
+pub fn circles(
+    picture: &Picture,
+    calibration: &Calibration,
+    measured: &circles::Measured,
+    title: &str,
+) -> Result<Vec<u8>> {
+    let report = &measured.report;
+    let frame = picture.frame(report.channel);
+    let view = calibration.view(frame.width(), frame.height())?;
+    let mut sheet = Sheet::new(&frame, &view);
+    let factor = rings(&mut sheet, &measured.rings.iter().collect::<Vec<_>>());
+    sheet.scale_bar();
+    let headline = match report.pairs.first() {
+        Some(p) => format!("distance {} mm", text(p.distance_mm, p.distance_u95_mm)),
+        None => format!("{} circle", report.circles.len()),
+    };
+    let mut lines: Vec<Line> = report
+        .circles
+        .iter()
+        .enumerate()
+        .map(|(i, c)| circle_line(&format!("circle {i}"), &c.circle, CIRCLES[i % CIRCLES.len()]))
+        .collect();
+    lines.extend(report.pairs.iter().map(|p| {
+        Line::plain(format!(
+            "{} to {}  dx {:+.5}  dy {:+.5}  distance {} mm",
+            p.a,
+            p.b,
+            p.offset_mm[0],
+            p.offset_mm[1],
+            text(p.distance_mm, p.distance_u95_mm)
+        ))
+    }));
+    lines.push(legend((report.pairs.len() == 1).then_some(factor)));
+    lines.push(Line::faint(title));
+    sheet.finish(&Line::plain(headline), &lines)
+}
+
+/// Edge points, circles and centres; with two circles the arrow between their centres. Gives its enlargement.
+fn rings(sheet: &mut Sheet, rings: &[&Ring]) -> f64 {
+    for (i, ring) in rings.iter().enumerate() {
+        sheet.circle(ring.circle, CIRCLES[i % CIRCLES.len()]);
+    }
+    for (i, ring) in rings.iter().enumerate() {
+        sheet.points(ring.trace.iter().copied());
+        sheet.cross(ring.circle.center, 14.0 - 5.0 * (i % 2) as f64, CIRCLES[i % CIRCLES.len()]);
+    }
+    let &[a, b] = rings else { return 1.0 };
+    // About half way to the smaller circle's edge.
+    let reach = 0.5 * radius_px(sheet, a.circle).min(radius_px(sheet, b.circle));
+    sheet.offset(a.circle.center, b.circle.center - a.circle.center, reach, OFFSET)
+}
+
+fn radius_px(sheet: &Sheet, circle: Circle) -> f64 {
+    let rim = circle.center + Vector2::x() * circle.radius;
+    (sheet.at_mm(rim) - sheet.at_mm(circle.center)).norm()
+}
+
+fn circle_line(name: &str, c: &crate::measure::CircleReport, colour: Rgb) -> Line {
+    Line(
+        format!(
+            "{name}  Ø {} mm  edge found {:.0} %  form {:.4} mm rms",
+            text(c.diameter_mm, c.diameter_u95_mm),
+            100.0 * c.arc_coverage,
+            c.form_rms_mm
+        ),
+        colour,
+    )
+}
+
+fn legend(factor: Option<f64>) -> Line {
+    let arrow = factor.map_or(String::new(), |f| format!(", arrow: offset x {f}"));
+    Line::faint(format!("green: edge used, red: rejected{arrow}"))
+}
