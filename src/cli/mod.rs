@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod align;
 mod ballbar;
 mod export;
 mod machine;
@@ -57,6 +58,7 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Align(align::Args),
     Ballbar(ballbar::Args),
     Rotary(rotary::Args),
     Thermal(thermal::Args),
@@ -123,6 +125,7 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Rotary(args) => rotary::run(args, global),
         Command::Thermal(args) => thermal::run(args, global),
