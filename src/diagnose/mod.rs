@@ -1,0 +1,11 @@
+//! Diagnosis: where simulation and measurement part, what is missing, and the gap closing.
+
+pub mod data;
+pub mod effects;
+pub mod experiment;
+pub mod fit;
+pub mod generic;
+pub mod noise;
+pub mod score;
+pub mod select;
+pub mod tails;

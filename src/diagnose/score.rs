@@ -1,0 +1,359 @@
+//! Score tests: how much of the gap each candidate explains after the model so far has been projected out.
+
+use nalgebra::{DMatrix, DVector};
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+
+use crate::diagnose::experiment::{Active, Parameter};
+use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
+use crate::diagnose::generic::{Term, dictionary};
+use crate::diagnose::noise::orthonormal;
+use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
+
+/// What a candidate would add.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Who {
+    /// A library effect in one form, with its form parameters at a grid point.
+    Effect(Active),
+    /// A generic shape or a correction of a named effect's form.
+    Extra(Extra),
+}
+
+/// A candidate and where its columns stand in the pool.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// What it would add.
+    pub who: Who,
+    /// First column.
+    pub first: usize,
+    /// Number of columns.
+    pub count: usize,
+    /// Form parameters chosen from a grid, which count as fitted.
+    pub shape_parameters: usize,
+}
+
+/// Candidates with their columns, split but not yet whitened.
+pub struct Pool {
+    /// The candidates.
+    pub candidates: Vec<Candidate>,
+    /// Their columns, mm per unit.
+    pub columns: DMatrix<f64>,
+    split: DMatrix<f64>,
+}
+
+/// A candidate's score.
+#[derive(Debug, Clone)]
+pub struct Score {
+    /// Index into the pool.
+    pub candidate: usize,
+    /// Drop of χ² in units of the current noise.
+    pub chi2: f64,
+    /// Columns that survive the projection.
+    pub rank: usize,
+    /// ln of the p-value, before any correction for the number of candidates.
+    pub ln_p: f64,
+    /// Log evidence: likelihood gain less the price of the parameters, nats.
+    pub evidence: f64,
+    /// Root mean square of what it explains, mm.
+    pub rms_mm: f64,
+}
+
+impl Pool {
+    fn new(fitter: &Fitter, candidates: Vec<Candidate>, columns: Vec<DMatrix<f64>>) -> Self {
+        let rows = fitter.experiment.layout().values.len();
+        let count = columns.iter().map(DMatrix::ncols).sum();
+        let mut all = DMatrix::zeros(rows, count);
+        let mut at = 0;
+        for block in &columns {
+            all.view_mut((0, at), (rows, block.ncols())).copy_from(block);
+            at += block.ncols();
+        }
+        let split = fitter.space.split(&all);
+        Self { candidates, columns: all, split }
+    }
+
+    /// Every testable form of every library effect, linearised about the baseline.
+    pub fn library(fitter: &Fitter, nuisances: &[f64]) -> Self {
+        let experiment = fitter.experiment;
+        let base = experiment.predict(nuisances, &[]);
+        let (mut candidates, mut columns, mut first) = (Vec::new(), Vec::new(), 0);
+        for (effect, info) in experiment.effects().iter().enumerate() {
+            if info.untestable.is_some() {
+                continue;
+            }
+            for (form, parameters) in info.forms.iter().enumerate() {
+                for values in grid_points(parameters) {
+                    let linear: Vec<usize> =
+                        (0..values.len()).filter(|&i| parameters[i].grid.is_empty()).collect();
+                    let mut block = DMatrix::zeros(base.len(), linear.len());
+                    for (c, &i) in linear.iter().enumerate() {
+                        let step = 1e-3 * parameters[i].typical;
+                        let mut moved = values.clone();
+                        moved[i] += step;
+                        let active = [Active { effect, form, values: moved }];
+                        let forward = experiment.predict(nuisances, &active);
+                        for (r, (f, b)) in forward.iter().zip(&base).enumerate() {
+                            block[(r, c)] = (f - b) / step;
+                        }
+                    }
+                    let count = linear.len();
+                    let shape_parameters =
+                        parameters.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
+                    let who = Who::Effect(Active { effect, form, values });
+                    candidates.push(Candidate { who, first, count, shape_parameters });
+                    columns.push(block);
+                    first += count;
+                }
+            }
+        }
+        Self::new(fitter, candidates, columns)
+    }
+
+    /// The generic dictionary.
+    pub fn generic(fitter: &Fitter) -> Self {
+        let layout = fitter.experiment.layout();
+        let terms = dictionary(layout);
+        Self::of_terms(
+            fitter,
+            terms.into_iter().map(|t| (Extra::Generic(t), t.columns(layout))).collect(),
+        )
+    }
+
+    /// A pool of extra terms.
+    pub fn of_terms(fitter: &Fitter, terms: Vec<(Extra, DMatrix<f64>)>) -> Self {
+        let (mut candidates, mut columns, mut first) = (Vec::new(), Vec::new(), 0);
+        for (kind, block) in terms {
+            let count = block.ncols();
+            // A step or bump is chosen from many places: its place counts as fitted.
+            let shape_parameters = match kind {
+                Extra::Generic(Term { shape, .. }) => shape.places(),
+                Extra::Form { .. } => 0,
+            };
+            let who = Who::Extra(kind);
+            candidates.push(Candidate { who, first, count, shape_parameters });
+            columns.push(block);
+            first += count;
+        }
+        Self::new(fitter, candidates, columns)
+    }
+
+    /// Columns of one candidate.
+    pub fn block(&self, candidate: usize) -> DMatrix<f64> {
+        let c = &self.candidates[candidate];
+        self.columns.columns(c.first, c.count).into_owned()
+    }
+
+    /// All columns whitened, with `basis` projected out.
+    pub fn projected(
+        &self,
+        fitter: &Fitter,
+        fitted: &Fitted,
+        basis: &DMatrix<f64>,
+    ) -> (DMatrix<f64>, Vec<f64>) {
+        let mut x = fitter.space.whiten(&self.split, &fitted.noise);
+        let before = x.column_iter().map(|c| c.norm()).collect();
+        let along = basis.tr_mul(&x);
+        x.gemm(-1.0, basis, &along, 1.0);
+        (x, before)
+    }
+}
+
+/// All combinations of the grid values; linear parameters at zero.
+fn grid_points(parameters: &[Parameter]) -> Vec<Vec<f64>> {
+    let mut points = vec![Vec::new()];
+    for p in parameters {
+        let choices: &[f64] = if p.grid.is_empty() { &[0.0] } else { &p.grid };
+        points = points
+            .into_iter()
+            .flat_map(|point: Vec<f64>| {
+                choices.iter().map(move |v| [point.clone(), vec![*v]].concat())
+            })
+            .collect();
+    }
+    points
+}
+
+/// Where a model stands for scoring: whitened residual, projection, degrees of freedom.
+pub struct Standing {
+    /// Orthonormal basis of the model's tangent, whitened.
+    pub basis: DMatrix<f64>,
+    /// Whitened residual with the tangent projected out.
+    pub residual: DVector<f64>,
+    /// Degrees of freedom of each random component and of the complement.
+    dof: Vec<f64>,
+    fixed: bool,
+}
+
+impl Standing {
+    /// Of a fitted model; `without` leaves out these free parameters and puts their contribution back.
+    pub fn new(fitter: &Fitter, fitted: &Fitted, without: &[(std::ops::Range<usize>, Vec<f64>)]) -> Self {
+        let kept: Vec<usize> = (0..fitted.tangent.ncols())
+            .filter(|c| !without.iter().any(|(range, _)| range.contains(c)))
+            .collect();
+        let tangent = fitted.tangent.select_columns(&kept);
+        let basis = orthonormal(&fitter.whiten(&tangent, &fitted.noise), 1e-7);
+        let mut raw = fitted.residual.clone();
+        for (_, contribution) in without {
+            raw.iter_mut().zip(contribution).for_each(|(r, c)| *r += c);
+        }
+        let column = DMatrix::from_column_slice(raw.len(), 1, &raw);
+        let mut white = fitter.whiten(&column, &fitted.noise);
+        white -= &basis * basis.tr_mul(&white);
+        let used = basis.ncols() as f64;
+        let dimensions = fitter.space.dimensions();
+        let total: f64 = dimensions.iter().sum();
+        let dof = dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
+        let fixed = fitter.given_mm.is_some() && fitted.noise.ratios.is_empty();
+        Self { basis, residual: white.column(0).into_owned(), dof, fixed }
+    }
+
+    /// Scores every candidate of a pool.
+    pub fn scores(&self, fitter: &Fitter, fitted: &Fitted, pool: &Pool) -> Vec<Score> {
+        let (x, before) = pool.projected(fitter, fitted, &self.basis);
+        let along = x.tr_mul(&self.residual);
+        let groups = fitter.experiment.layout().group_count().max(2) as f64;
+        let n = fitter.space.observations().max(1) as f64;
+        (0..pool.candidates.len())
+            .filter_map(|index| {
+                let c = &pool.candidates[index];
+                let (chi2, rank) = block_chi2(&x, &along, &before, c);
+                if rank == 0 {
+                    return None;
+                }
+                let rank_f = rank as f64;
+                let (ln_p, gain) = self.significance(fitter, &x, c, chi2, rank_f);
+                let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
+                let sigma = fitted.noise.sigma_mm[0];
+                Some(Score {
+                    candidate: index,
+                    chi2,
+                    rank,
+                    ln_p,
+                    evidence: gain - price,
+                    rms_mm: sigma * (chi2 / n).sqrt(),
+                })
+            })
+            .collect()
+    }
+
+    /// ln p and the log-likelihood gain, with the noise's own uncertainty.
+    fn significance(
+        &self,
+        fitter: &Fitter,
+        x: &DMatrix<f64>,
+        c: &Candidate,
+        chi2: f64,
+        rank: f64,
+    ) -> (f64, f64) {
+        if self.fixed {
+            return (ln_f_tail(chi2 / rank, rank, f64::INFINITY), 0.5 * chi2);
+        }
+        let mut inverse = 0.0;
+        for k in c.first..c.first + c.count {
+            let shares = fitter.space.shares(x, k);
+            inverse += shares.iter().zip(&self.dof).map(|(s, d)| s * s / d.max(1.0)).sum::<f64>();
+        }
+        let dof = (c.count as f64 / inverse.max(1e-9)).max(rank + 1.0);
+        // The noise was estimated with this effect in it: F from what is left without it.
+        let left = (dof - chi2).max(0.02 * dof);
+        let f = chi2.min(0.98 * dof) / rank / (left / (dof - rank));
+        (ln_f_tail(f, rank, dof - rank), -0.5 * dof * (left / dof).ln())
+    }
+}
+
+/// A column that keeps less than this part of its length after the projection is an alias of the model.
+const ALIAS: f64 = 3e-3;
+
+/// χ² explained by a block and the number of its columns that survive the projection.
+fn block_chi2(
+    x: &DMatrix<f64>,
+    along: &DVector<f64>,
+    before: &[f64],
+    c: &Candidate,
+) -> (f64, usize) {
+    if c.count == 1 {
+        let norm = x.column(c.first).norm();
+        let seen = norm > ALIAS * before[c.first] && norm > 0.0;
+        return if seen { ((along[c.first] / norm).powi(2), 1) } else { (0.0, 0) };
+    }
+    let block = x.columns(c.first, c.count);
+    let scale: Vec<f64> =
+        (0..c.count).map(|k| before[c.first + k]).map(|b| if b > 0.0 { b } else { 1.0 }).collect();
+    let gram = DMatrix::from_fn(c.count, c.count, |i, j| {
+        block.column(i).dot(&block.column(j)) / (scale[i] * scale[j])
+    });
+    let rhs = DVector::from_fn(c.count, |i, _| along[c.first + i] / scale[i]);
+    let eigen = gram.symmetric_eigen();
+    let (mut chi2, mut rank) = (0.0, 0);
+    for (k, &value) in eigen.eigenvalues.iter().enumerate() {
+        if value > ALIAS * ALIAS {
+            chi2 += eigen.eigenvectors.column(k).dot(&rhs).powi(2) / value;
+            rank += 1;
+        }
+    }
+    (chi2, rank)
+}
+
+/// The number of independent tests that a pool amounts to: the smallest p-value of noise alone is simulated, and its
+/// 2 % point matched (Westfall and Young's idea, in one number).
+pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, pool: &Pool) -> f64 {
+    const DRAWS: usize = 2000;
+    if pool.candidates.is_empty() {
+        return 1.0;
+    }
+    let (x, before) = pool.projected(fitter, fitted, &standing.basis);
+    let total: usize = x.ncols();
+    // The joint span in few dimensions: scores depend on x only through its Gram matrix.
+    let compact = if x.nrows() > total { x.qr().r() } else { x };
+    let mut bases: Vec<(usize, DMatrix<f64>)> = Vec::new();
+    for c in &pool.candidates {
+        let block = compact.columns(c.first, c.count).into_owned();
+        let seen: Vec<usize> =
+            (0..c.count).filter(|&k| block.column(k).norm() > ALIAS * before[c.first + k]).collect();
+        let basis = orthonormal(&block.select_columns(&seen), ALIAS);
+        if basis.ncols() > 0 {
+            bases.push((basis.ncols(), basis));
+        }
+    }
+    let most = bases.iter().map(|(rank, _)| *rank).max().unwrap_or(1);
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+    let mut smallest: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let noise: DVector<f64> =
+                DVector::from_fn(compact.nrows(), |_, _| StandardNormal.sample(&mut rng));
+            let mut largest = vec![0.0_f64; most + 1];
+            for (rank, basis) in &bases {
+                let chi2 = basis.tr_mul(&noise).norm_squared();
+                largest[*rank] = largest[*rank].max(chi2);
+            }
+            largest.iter().enumerate().map(|(k, c)| ln_chi2_tail(*c, k as f64)).fold(0.0, f64::min)
+        })
+        .collect();
+    smallest.sort_by(f64::total_cmp);
+    let at = smallest[DRAWS / 50].exp();
+    (-(1.0_f64 - 0.02).ln() / at.max(1e-12)).max(1.0)
+}
+
+/// What an effect or term adds to the prediction, mm.
+pub fn contribution(fitter: &Fitter, model: &Model, part: Part) -> Vec<f64> {
+    let mut without = model.clone();
+    match part {
+        Part::Effect(i) => {
+            without.active.remove(i);
+        }
+        Part::Extra(i) => {
+            without.extras.remove(i);
+        }
+    }
+    let with = fitter.predict(model);
+    with.iter().zip(fitter.predict(&without)).map(|(a, b)| a - b).collect()
+}
+
+/// A removable part of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Part {
+    /// A named effect by its place in the model.
+    Effect(usize),
+    /// An extra term by its place in the model.
+    Extra(usize),
+}
