@@ -6,9 +6,15 @@
 
 pub mod camera;
 pub mod cli;
+pub mod edge;
 pub mod error;
 pub mod fit;
+pub mod frame;
+pub mod machine;
+pub mod measure;
 pub mod output;
+pub mod plot;
+pub mod rtcp;
 pub mod table;
 pub mod tomlfile;
 pub mod uncertainty;

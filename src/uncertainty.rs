@@ -29,6 +29,27 @@ pub fn k95(dof: f64) -> f64 {
     z + g1 / dof + g2 / dof.powi(2) + g3 / dof.powi(3) + g4 / dof.powi(4)
 }
 
+/// A value and its standard uncertainty, in the same unit.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Measured {
+    /// The best estimate.
+    pub value: f64,
+    /// The standard uncertainty.
+    pub u: f64,
+}
+
+impl Measured {
+    /// A value taken as known.
+    pub fn exact(value: f64) -> Self {
+        Self { value, u: 0.0 }
+    }
+
+    /// Half-width of the 95 % interval (normal distribution).
+    pub fn u95(&self) -> f64 {
+        K95 * self.u
+    }
+}
+
 /// Whether a measured value keeps a limit, given its uncertainty (ISO 14253-1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

@@ -1,5 +1,8 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod rtcp;
+mod solve;
+
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -46,7 +49,10 @@ impl Global {
 }
 
 #[derive(Debug, Subcommand)]
-enum Command {}
+enum Command {
+    Rtcp(rtcp::Args),
+    Solve(solve::Args),
+}
 
 /// What a command hands back: something to print, and how it went.
 #[derive(Debug)]
@@ -101,8 +107,11 @@ pub fn run() -> ExitCode {
 }
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
-    let _global = &cli.global;
-    match cli.command {}
+    let global = &cli.global;
+    match &cli.command {
+        Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Solve(args) => solve::run(args, global),
+    }
 }
 
 /// Prints the document where the user asked for it. A closed pipe is not an error.

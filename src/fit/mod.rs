@@ -1,3 +1,7 @@
-//! Fits: least squares in general, circles and ellipses in particular.
+//! Fits: least squares in general, circles in particular, with correlated residuals.
 
+pub mod circle;
+pub mod correlated;
 pub mod least_squares;
+
+pub use circle::Circle;

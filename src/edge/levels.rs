@@ -1,0 +1,112 @@
+//! Slowly varying quantities along a contour: smooth curves through noisy sector values, robustly.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::fit::circle::tukey;
+
+/// Low-order curves over the contour: harmonics when it is closed, polynomials when it is an arc.
+///
+/// A level that is allowed to vary once round the contour costs half of what is known of the centre, so
+/// higher orders are used only where the values ask for them.
+pub(super) struct Curve {
+    /// Constant; once round (or linear); twice round (or quadratic).
+    orders: Vec<DMatrix<f64>>,
+}
+
+impl Curve {
+    /// For sectors 0..n evenly spread.
+    pub(super) fn new(sectors: usize, closed: bool) -> Self {
+        let column = |s: usize, c: usize| {
+            let x = (s as f64 + 0.5) / sectors as f64;
+            if closed {
+                let wave = std::f64::consts::TAU * x * c.div_ceil(2) as f64;
+                if c % 2 == 1 { wave.cos() } else { wave.sin() + f64::from(u8::from(c == 0)) }
+            } else {
+                (2.0 * x - 1.0).powi(c as i32)
+            }
+        };
+        let widths = if closed { [1, 3, 5] } else { [1, 2, 3] };
+        Self { orders: widths.iter().map(|&w| DMatrix::from_fn(sectors, w, column)).collect() }
+    }
+
+    /// The robust curve through `values` (weight 0: no value), and the standard deviation about it.
+    pub(super) fn fit(&self, values: &[f64], weights: &[f64]) -> (Vec<f64>, f64) {
+        let (mut best, mut sd, mut sum) = self.fit_order(0, values, weights);
+        let used = weights.iter().filter(|w| **w > 0.0).count() as f64;
+        for order in 1..self.orders.len() {
+            let columns = self.orders[order].ncols() as f64;
+            if used < 3.0 * columns {
+                break;
+            }
+            let (fitted, spread, left) = self.fit_order(order, values, weights);
+            // The added terms must explain clearly more than noise would (an F-test at about 1 %).
+            let added = columns - 1.0;
+            let f = (sum - left) / added / (left / (used - columns)).max(1e-300);
+            if f > 1.0 + 4.0 / added.sqrt() {
+                (best, sd, sum) = (fitted, spread, left);
+            }
+        }
+        (best, sd)
+    }
+
+    /// The curve of one order (in full, robust), the standard deviation and the robust sum of squares about it.
+    pub(super) fn fit_order(
+        &self,
+        order: usize,
+        values: &[f64],
+        weights: &[f64],
+    ) -> (Vec<f64>, f64, f64) {
+        let basis = &self.orders[order];
+        let (n, p) = basis.shape();
+        let mut fitted = vec![median(values, weights); n];
+        let mut sd = spread(values, &fitted, weights);
+        for _ in 0..6 {
+            let mut normal = DMatrix::<f64>::zeros(p, p);
+            let mut right = DVector::<f64>::zeros(p);
+            for s in 0..n {
+                let w = if sd > 0.0 {
+                    weights[s] * tukey((values[s] - fitted[s]) / sd)
+                } else {
+                    weights[s]
+                };
+                if w > 0.0 {
+                    let row = basis.row(s).transpose();
+                    normal += &row * row.transpose() * w;
+                    right += &row * (w * values[s]);
+                }
+            }
+            // A little ridge keeps long gaps from swinging.
+            let ridge = 1e-6 * normal.trace() / p as f64;
+            for c in 1..p {
+                normal[(c, c)] += ridge;
+            }
+            let Some(cholesky) = normal.cholesky() else { break };
+            let coefficients = cholesky.solve(&right);
+            fitted = (basis * coefficients).iter().copied().collect();
+            sd = spread(values, &fitted, weights);
+        }
+        let cap = (3.0 * sd).powi(2);
+        let sum = (0..n)
+            .filter(|&s| weights[s] > 0.0)
+            .map(|s| (values[s] - fitted[s]).powi(2).min(cap))
+            .sum();
+        (fitted, sd, sum)
+    }
+}
+
+/// Median of the values that carry weight.
+pub(super) fn median(values: &[f64], weights: &[f64]) -> f64 {
+    let mut list: Vec<f64> =
+        values.iter().zip(weights).filter(|(_, w)| **w > 0.0).map(|(v, _)| *v).collect();
+    if list.is_empty() {
+        return 0.0;
+    }
+    let middle = list.len() / 2;
+    *list.select_nth_unstable_by(middle, f64::total_cmp).1
+}
+
+/// Robust standard deviation about the curve.
+fn spread(values: &[f64], fitted: &[f64], weights: &[f64]) -> f64 {
+    let sizes: Vec<f64> = values.iter().zip(fitted).map(|(v, f)| (v - f).abs()).collect();
+    1.4826 * median(&sizes, weights)
+}

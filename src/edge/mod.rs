@@ -1,0 +1,17 @@
+//! Sub-pixel edge points with a variance each, from the pixels in a band along an expected contour.
+//!
+//! 1. [`Contour`]: the expected circle as it is seen in the picture (tilt and distortion included).
+//! 2. [`scan`]: every pixel of the band goes, once and uninterpolated, into the profile of its sector.
+//! 3. [`locate`]: each sector's profile is matched with the profile common to all of them. No shape of edge is
+//!    assumed, so soft, asymmetric and multiple edges all work, and the noise bound is reached.
+
+mod contour;
+mod levels;
+mod locate;
+mod scan;
+mod template;
+
+pub use contour::Contour;
+pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
+pub use scan::{Band, Profiles, scan, scan_frame};
+pub use template::Template;

@@ -1,0 +1,110 @@
+//! The profile common to all sectors: value over distance, with its slope.
+
+/// A smooth curve through equally spaced values (Catmull-Rom: continuous slope).
+#[derive(Debug, Clone)]
+pub struct Template {
+    /// Distance of the first value.
+    pub start_px: f64,
+    /// Distance between values.
+    pub step_px: f64,
+    /// The values.
+    pub values: Vec<f64>,
+}
+
+impl Template {
+    /// Value and slope per pixel at a distance; constant beyond the ends.
+    pub fn at(&self, distance_px: f64) -> (f64, f64) {
+        let n = self.values.len();
+        let x = (distance_px - self.start_px) / self.step_px;
+        if n < 2 || x <= 0.0 {
+            return (self.values[0], 0.0);
+        }
+        if x >= (n - 1) as f64 {
+            return (self.values[n - 1], 0.0);
+        }
+        let i = (x as usize).min(n - 2);
+        let f = x - i as f64;
+        let p1 = self.values[i];
+        let p2 = self.values[i + 1];
+        let p0 = if i > 0 { self.values[i - 1] } else { 2.0 * p1 - p2 };
+        let p3 = if i + 2 < n { self.values[i + 2] } else { 2.0 * p2 - p1 };
+        let (a, b, c) = (
+            0.5 * (3.0 * (p1 - p2) + p3 - p0),
+            p0 - 2.5 * p1 + 2.0 * p2 - 0.5 * p3,
+            0.5 * (p2 - p0),
+        );
+        (p1 + f * (c + f * (b + f * a)), (c + f * (2.0 * b + f * 3.0 * a)) / self.step_px)
+    }
+
+    /// Distance of the last value.
+    pub fn end_px(&self) -> f64 {
+        self.start_px + self.step_px * (self.values.len() - 1) as f64
+    }
+
+    /// Smooths with a binomial kernel, `times` over.
+    pub fn smooth(&mut self, times: usize) {
+        let n = self.values.len();
+        for _ in 0..times {
+            let old = self.values.clone();
+            for i in 1..n.saturating_sub(1) {
+                self.values[i] = 0.25 * old[i - 1] + 0.5 * old[i] + 0.25 * old[i + 1];
+            }
+        }
+    }
+
+    /// The strongest edge as a step: the levels either side, where it crosses the middle between them, and its
+    /// softness (standard deviation of the Gaussian with the same peak slope).
+    pub fn edge(&self) -> Step {
+        let n = self.values.len();
+        let slope: Vec<f64> =
+            (0..n).map(|i| self.at(self.start_px + self.step_px * i as f64).1).collect();
+        let peak = (1..n.saturating_sub(1))
+            .max_by(|&a, &b| slope[a].abs().total_cmp(&slope[b].abs()))
+            .unwrap_or(0);
+        let sign = slope[peak].signum();
+        let floor = 0.04 * slope[peak].abs();
+        // The edge reaches as far as the slope keeps its sign and more than a trace of its size.
+        let mut lo = peak;
+        while lo > 0 && slope[lo - 1] * sign > floor {
+            lo -= 1;
+        }
+        let mut hi = peak;
+        while hi + 1 < n && slope[hi + 1] * sign > floor {
+            hi += 1;
+        }
+        let (inner, outer) = (self.values[lo], self.values[hi]);
+        let half = 0.5 * (inner + outer);
+        let mut at = peak as f64;
+        for i in lo..hi {
+            let (a, b) = (self.values[i] - half, self.values[i + 1] - half);
+            if a * b <= 0.0 && a != b {
+                at = i as f64 + a / (a - b);
+                break;
+            }
+        }
+        let contrast = outer - inner;
+        let softness_px =
+            contrast.abs() / (slope[peak].abs().max(1e-300) * (2.0 * std::f64::consts::PI).sqrt());
+        Step { distance_px: self.start_px + at * self.step_px, inner, outer, softness_px }
+    }
+}
+
+/// An edge in a profile.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Step {
+    /// Where it crosses the middle between its levels.
+    pub distance_px: f64,
+    /// Level on the inside.
+    pub inner: f64,
+    /// Level on the outside.
+    pub outer: f64,
+    /// Standard deviation of the Gaussian blur with the same peak slope.
+    pub softness_px: f64,
+}
+
+impl Step {
+    /// Outer minus inner level.
+    pub fn contrast(&self) -> f64 {
+        self.outer - self.inner
+    }
+}

@@ -1,0 +1,128 @@
+//! Gray pixels of any depth, and pictures reduced by averaging blocks.
+
+/// A pixel value that measures as a number.
+pub trait Sample: Copy + Send + Sync + 'static {
+    /// The value in the file's own counts.
+    fn value(self) -> f32;
+}
+
+impl Sample for u8 {
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Sample for u16 {
+    fn value(self) -> f32 {
+        f32::from(self)
+    }
+}
+
+impl Sample for f32 {
+    fn value(self) -> f32 {
+        self
+    }
+}
+
+/// A gray picture, row by row from the top.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Gray<T> {
+    /// Pixels a row.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// `width · height` values.
+    pub data: Vec<T>,
+}
+
+impl<T: Sample> Gray<T> {
+    /// One row of pixels.
+    pub fn row(&self, v: usize) -> &[T] {
+        &self.data[v * self.width..(v + 1) * self.width]
+    }
+
+    /// The mean of each `factor`×`factor` block; an incomplete block at the right or bottom is left out.
+    /// Pixel (i, j) of the result is centred on `factor·i + (factor - 1)/2` of this picture.
+    pub fn reduce(&self, factor: usize) -> Gray<f32> {
+        let factor = factor.max(1);
+        let (width, height) = (self.width / factor, self.height / factor);
+        let scale = 1.0 / (factor * factor) as f32;
+        let mut data = vec![0.0f32; width * height];
+        for (j, out) in data.chunks_exact_mut(width.max(1)).enumerate() {
+            for v in j * factor..(j + 1) * factor {
+                let row = &self.row(v)[..width * factor];
+                for (sum, block) in out.iter_mut().zip(row.chunks_exact(factor)) {
+                    *sum += block.iter().map(|p| p.value()).sum::<f32>();
+                }
+            }
+            out.iter_mut().for_each(|sum| *sum *= scale);
+        }
+        Gray { width, height, data }
+    }
+}
+
+/// A gray frame as decoded.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Frame {
+    /// Up to 8 bits a pixel.
+    Eight(Gray<u8>),
+    /// Up to 16 bits a pixel.
+    Sixteen(Gray<u16>),
+}
+
+impl Frame {
+    /// Pixels a row.
+    pub fn width(&self) -> usize {
+        match self {
+            Self::Eight(g) => g.width,
+            Self::Sixteen(g) => g.width,
+        }
+    }
+
+    /// Rows.
+    pub fn height(&self) -> usize {
+        match self {
+            Self::Eight(g) => g.height,
+            Self::Sixteen(g) => g.height,
+        }
+    }
+
+    /// The largest count a pixel can have.
+    pub fn full_scale(&self) -> f32 {
+        match self {
+            Self::Eight(_) => 255.0,
+            Self::Sixteen(_) => 65535.0,
+        }
+    }
+
+    /// See [`Gray::reduce`].
+    pub fn reduce(&self, factor: usize) -> Gray<f32> {
+        match self {
+            Self::Eight(g) => g.reduce(factor),
+            Self::Sixteen(g) => g.reduce(factor),
+        }
+    }
+
+    /// 8-bit copy for overlays, the picture's own range stretched where it holds more than 8 bits.
+    pub fn to_eight(&self) -> Gray<u8> {
+        match self {
+            Self::Eight(g) => g.clone(),
+            Self::Sixteen(g) => {
+                let top = f32::from(g.data.iter().copied().max().unwrap_or(1).max(1));
+                let data = g.data.iter().map(|&p| (f32::from(p) * 255.0 / top) as u8).collect();
+                Gray { width: g.width, height: g.height, data }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn reducing_averages_whole_blocks() {
+        let g = Gray { width: 5, height: 2, data: vec![1u8, 3, 5, 7, 100, 1, 3, 5, 7, 100] };
+        assert_eq!(g.reduce(2), Gray { width: 2, height: 1, data: vec![2.0, 6.0] });
+    }
+}

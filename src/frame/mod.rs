@@ -1,0 +1,7 @@
+//! Picture files → gray frames: decoding, choice of channel, reduced pictures.
+
+mod decode;
+mod gray;
+
+pub use decode::{Channel, Picture};
+pub use gray::{Frame, Gray, Sample};

@@ -1,0 +1,3 @@
+//! A picture (or captures) → a measurement.
+
+pub mod ring;

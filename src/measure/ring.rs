@@ -1,0 +1,292 @@
+//! One circle measured to the noise: from a rough circle in the plane to centre, radius and their covariance.
+
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+
+use crate::camera::View;
+use crate::edge::{Band, Contour, LocateOptions, Located, Profiles, locate, scan, scan_frame};
+use crate::fit::circle::{self, Circle};
+use crate::fit::correlated::{self, Wander};
+use crate::frame::Frame;
+
+/// Groups of sectors the correlated fit works on: enough for the wander of any real edge.
+const GROUPS: usize = 72;
+
+/// Where the edge is looked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Search {
+    /// How far the edge may be from the rough circle.
+    pub reach_px: f64,
+    /// How far inside the circle pixels still belong to this edge.
+    pub inside_limit_px: f64,
+    /// How far outside the circle pixels still belong to this edge.
+    pub outside_limit_px: f64,
+    /// Softness of the edge (standard deviation), roughly.
+    pub softness_px: f64,
+}
+
+impl Search {
+    /// Width of the band either side: wide enough to know both levels well (a band of ±3 softnesses costs a
+    /// third of the accuracy), and for the edge to be anywhere within reach.
+    fn band_px(&self) -> (f64, f64) {
+        let wide = (8.0 * self.softness_px).max(5.0) + self.reach_px;
+        (wide.min(self.inside_limit_px), wide.min(self.outside_limit_px))
+    }
+}
+
+/// A circle measured in the plane.
+#[derive(Debug, Clone)]
+pub struct Ring {
+    /// Centre and radius in plane mm.
+    pub circle: Circle,
+    /// Covariance of centre x, y and radius, mm².
+    pub covariance: nalgebra::Matrix3<f64>,
+    /// Degrees of freedom of that covariance.
+    pub dof: f64,
+    /// Centre as it is seen in the picture.
+    pub center_px: Vector2<f64>,
+    /// Root mean square of the edge's own form (residuals of the groups), mm.
+    pub form_rms_mm: f64,
+    /// Edge points used.
+    pub edge_points: usize,
+    /// Share of the circle on which the edge was found.
+    pub arc_coverage: f64,
+    /// Outer minus inner level, counts.
+    pub contrast: f64,
+    /// Pixel noise about the edge model, counts.
+    pub noise: f64,
+    /// Softness of the edge, px.
+    pub softness_px: f64,
+    /// What the edge teaches about how edges wander on this part.
+    pub wander: Wander,
+    /// Edge points in the picture, for the overlay: place and whether it was used.
+    pub trace: Vec<(Vector2<f64>, bool)>,
+    /// Residuals by group: angle in the plane (rad), residual (mm).
+    pub residuals: Vec<(f64, f64)>,
+}
+
+impl Ring {
+    /// Covariance of the centre, mm².
+    pub fn center_covariance(&self) -> Matrix2<f64> {
+        self.covariance.fixed_view::<2, 2>(0, 0).into()
+    }
+}
+
+/// Edge points in the plane with their variances, before any circle is fitted.
+#[derive(Debug, Clone)]
+pub struct Points {
+    /// Place in the plane, mm.
+    pub place_mm: Vec<Vector2<f64>>,
+    /// Variance along the edge's normal, mm².
+    pub variance_mm2: Vec<f64>,
+    /// Whether the sector shows a usable edge.
+    pub usable: Vec<bool>,
+    /// Place in the picture.
+    pub place_px: Vec<Vector2<f64>>,
+    /// The edges they come from.
+    pub located: Located,
+    /// Whether the whole circle is seen.
+    pub closed: bool,
+    /// Share of the whole circle that the contour spans.
+    pub span: f64,
+    /// Curvature radius of the contour, px.
+    pub radius_px: f64,
+}
+
+/// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
+fn sectors_for(length_px: f64, softness_px: f64) -> usize {
+    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 2 * GROUPS)
+}
+
+/// The edge points about a rough circle. `None` where no edge can be located there.
+pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) -> Option<Points> {
+    let contour = Contour::of_circle(view, rough.center, rough.radius)?;
+    let softness = search.softness_px.max(0.6);
+    let band = Band {
+        inside_px: search.band_px().0.min(0.95 * contour.mean_radius_px()),
+        outside_px: search.band_px().1,
+        bin_px: (softness / 4.0).max(0.25),
+        sectors: sectors_for(contour.length_px(), softness),
+    };
+    // Soft edges are as well read from a reduced picture, in a fraction of the time.
+    let profiles = read(frame, &contour, band, softness);
+    let located = locate(&profiles, contour.closed, LocateOptions::default())?;
+    let mut points = Points {
+        place_mm: Vec::new(),
+        variance_mm2: Vec::new(),
+        usable: Vec::new(),
+        place_px: Vec::new(),
+        closed: contour.closed,
+        span: contour.span_rad / std::f64::consts::TAU,
+        radius_px: contour.mean_radius_px(),
+        located,
+    };
+    for e in &points.located.points {
+        let pixel = contour.point(e.angle_rad, e.distance_px);
+        let place = view.to_plane(pixel);
+        let normal = (place - rough.center).normalize();
+        // Variance along the plane's normal: pixels per mm along that direction.
+        let per_mm = (view.px_per_mm(place) * normal).norm();
+        points.place_mm.push(place);
+        points.variance_mm2.push(e.variance_px2 / (per_mm * per_mm));
+        points.usable.push(e.usable && e.variance_px2.is_finite());
+        points.place_px.push(pixel);
+    }
+    Some(points)
+}
+
+fn read(frame: &Frame, contour: &Contour, band: Band, softness_px: f64) -> Profiles {
+    let factor = (softness_px / 3.0).floor().clamp(1.0, 8.0) as usize;
+    if factor > 1 {
+        scan(&frame.reduce(factor), factor, contour, band)
+    } else {
+        scan_frame(frame, contour, band)
+    }
+}
+
+/// Measures the circle near `rough`. `known` is what a longer edge has taught about wander.
+pub fn measure(
+    frame: &Frame,
+    view: &View,
+    rough: Circle,
+    search: Search,
+    known: Option<&Wander>,
+) -> Option<Ring> {
+    let mut guess = rough;
+    let mut search = search;
+    let mut last = None;
+    for _ in 0..4 {
+        let points = edge_points(frame, view, guess, search)?;
+        let weights = robust_weights(&points);
+        let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
+        let fitted = circle::robust(&points.place_mm, &weights, Some(guess), 0.02 * pixel)?;
+        let moved = ((fitted.circle.center - guess.center).norm()
+            + (fitted.circle.radius - guess.radius).abs())
+            / pixel;
+        guess = fitted.circle;
+        let softness = points.located.step.softness_px;
+        last = Some((points, fitted));
+        let settled = moved < 0.25 * softness.max(0.5)
+            && (0.6..1.7).contains(&(softness / search.softness_px));
+        search.reach_px = (0.1 * softness).max(0.5);
+        search.softness_px = softness.max(0.6);
+        if settled {
+            break;
+        }
+    }
+    let (points, fitted) = last?;
+    finish(view, &points, &fitted, known)
+}
+
+/// Weights for the robust circle: inverse variances, but none so sure that it outweighs the form of the edge.
+fn robust_weights(points: &Points) -> Vec<f64> {
+    let mut known: Vec<f64> = points
+        .variance_mm2
+        .iter()
+        .zip(&points.usable)
+        .filter(|(v, u)| **u && v.is_finite())
+        .map(|(v, _)| *v)
+        .collect();
+    known.sort_by(f64::total_cmp);
+    let middle = known.get(known.len() / 2).copied().unwrap_or(1.0);
+    points
+        .variance_mm2
+        .iter()
+        .zip(&points.usable)
+        .map(|(v, u)| if *u { 1.0 / v.max(0.3 * middle) } else { 0.0 })
+        .collect()
+}
+
+/// The last step: groups of edge points, generalised least squares about the robust circle.
+fn finish(
+    view: &View,
+    points: &Points,
+    fitted: &circle::Robust,
+    known: Option<&Wander>,
+) -> Option<Ring> {
+    let about = fitted.circle;
+    // Robust weights have done their work: what is within reach of the circle counts in full.
+    let weights: Vec<f64> = fitted
+        .weights
+        .iter()
+        .zip(robust_weights(points))
+        .zip(&points.place_mm)
+        .map(|((robust, own), p)| {
+            let keep = *robust > 0.0 && about.distance(*p).abs() < 3.5 * fitted.scale;
+            if keep { own } else { 0.0 }
+        })
+        .collect();
+    let rows = group_rows(points, &weights, about);
+    let fit = correlated::fit(&rows, known)?;
+    let step = Vector2::new(fit.beta[0], fit.beta[1]);
+    let center = about.center + step;
+    let form = fit.residuals.norm_squared() / fit.residuals.len() as f64;
+    let blur_mm = {
+        // A blurred disc's half level lies σ²/2R inside its rim.
+        let s = points.located.step.softness_px;
+        let per_px = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
+        s * s / (2.0 * points.radius_px) * per_px
+    };
+    let mut covariance = nalgebra::Matrix3::zeros();
+    covariance.copy_from(&fit.covariance);
+    let used = weights.iter().filter(|w| **w > 0.0).count();
+    Some(Ring {
+        circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm },
+        covariance,
+        dof: fit.dof,
+        center_px: view.to_pixel(center),
+        form_rms_mm: form.sqrt(),
+        edge_points: used,
+        arc_coverage: points.span * used as f64 / points.usable.len() as f64,
+        contrast: points.located.step.contrast(),
+        noise: points.located.noise,
+        softness_px: points.located.step.softness_px,
+        wander: fit.wander,
+        trace: points.place_px.iter().zip(&weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
+        residuals: rows
+            .place
+            .iter()
+            .zip(fit.residuals.iter())
+            .map(|(p, r)| ((p - about.center).y.atan2((p - about.center).x), *r))
+            .collect(),
+    })
+}
+
+/// Radial residuals of neighbouring edge points joined into at most [`GROUPS`] rows for the correlated fit, with
+/// coefficients for centre x, y and radius.
+pub fn group_rows(points: &Points, weights: &[f64], about: Circle) -> correlated::Rows {
+    let n = points.place_mm.len();
+    let size = n.div_ceil(GROUPS).max(1);
+    let mut design = Vec::new();
+    let mut y = Vec::new();
+    let mut variance = Vec::new();
+    let mut place = Vec::new();
+    for chunk in (0..n).collect::<Vec<_>>().chunks(size) {
+        let (mut total, mut sum, mut at, mut spread) = (0.0, 0.0, Vector2::zeros(), 0.0);
+        for &i in chunk {
+            let w = weights[i];
+            if w > 0.0 {
+                total += w;
+                sum += w * about.distance(points.place_mm[i]);
+                at += points.place_mm[i] * w;
+                spread += w * w * points.variance_mm2[i];
+            }
+        }
+        if total > 0.0 {
+            let middle = at / total;
+            let normal = (middle - about.center).normalize();
+            design.extend([normal.x, normal.y, 1.0]);
+            y.push(sum / total);
+            variance.push(spread / (total * total));
+            place.push(middle);
+        }
+    }
+    let mean = variance.iter().sum::<f64>() / variance.len().max(1) as f64;
+    variance.iter_mut().for_each(|v| *v = v.max(0.05 * mean));
+    correlated::Rows {
+        design: DMatrix::from_row_slice(y.len(), 3, &design),
+        group: vec![0; y.len()],
+        y: DVector::from_vec(y),
+        variance,
+        place,
+    }
+}
