@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod cli;
+pub mod diagnose;
 pub mod edge;
 pub mod error;
 pub mod fit;

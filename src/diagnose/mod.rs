@@ -1,11 +1,15 @@
 //! Diagnosis: where simulation and measurement part, what is missing, and the gap closing.
 
+pub mod classes;
 pub mod data;
 pub mod effects;
 pub mod experiment;
 pub mod fit;
 pub mod generic;
+pub mod holdout;
 pub mod noise;
+pub mod report;
+pub mod run;
 pub mod score;
 pub mod select;
 pub mod tails;

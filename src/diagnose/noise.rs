@@ -78,6 +78,40 @@ impl Space {
         self.groups.len() * self.random_count()
     }
 
+    /// Whether an observation is used.
+    pub fn kept(&self, observation: usize) -> bool {
+        self.keep[observation]
+    }
+
+    /// Root mean square of the noise of one observation, shared parts included.
+    pub fn noise_rms_mm(&self, noise: &Noise) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for group in &self.groups {
+            for (k, &i) in group.rows.iter().enumerate() {
+                let z = group.q.row(k) * &group.r;
+                let shared: f64 = z
+                    .iter()
+                    .zip(&self.components)
+                    .map(|(z, &c)| z * z * noise.ratios[c])
+                    .sum();
+                sum += noise.sigma_mm[self.classes[i]].powi(2) * (1.0 + shared);
+                count += 1.0;
+            }
+        }
+        (sum / f64::max(count, 1.0)).sqrt()
+    }
+
+    /// Rows of split columns that belong to the captures that `wanted` picks.
+    pub fn rows_of(&self, wanted: &dyn Fn(usize) -> bool) -> Vec<usize> {
+        let (top, d) = (self.top(), self.random_count());
+        let mut rows = Vec::new();
+        for (g, group) in self.groups.iter().enumerate().filter(|(g, _)| wanted(*g)) {
+            rows.extend(g * d..(g + 1) * d);
+            rows.extend(group.rows.iter().map(|i| top + i));
+        }
+        rows
+    }
+
     /// Rotates columns: `top()` rows of capture-level parts, then the remainder of each observation.
     pub fn split(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let (top, d) = (self.top(), self.random_count());
@@ -170,7 +204,7 @@ impl Space {
         given_mm: Option<f64>,
         noise: &mut Noise,
     ) -> f64 {
-        let (top, d) = (self.top(), self.random_count());
+        let d = self.random_count();
         let basis = orthonormal(&self.whiten(design, noise), 1e-9);
         let mut e = self.whiten(y, noise);
         e -= &basis * basis.tr_mul(&e);
@@ -203,7 +237,6 @@ impl Space {
             }
             *ratio = next;
         }
-        let _ = top;
         change
     }
 
@@ -267,8 +300,7 @@ impl Space {
         let mut dimensions = vec![0.0; components + 1];
         let mut used = 0.0;
         for group in self.groups.iter().filter(|g| !g.rows.is_empty()) {
-            for (k, &component) in self.components.iter().enumerate().take(group.q.ncols()) {
-                let _ = k;
+            for &component in self.components.iter().take(group.q.ncols()) {
                 dimensions[component] += 1.0;
                 used += 1.0;
             }
