@@ -23,7 +23,7 @@ pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
     let f = &selection.fitted;
     (0..f.model.active.len())
         .map(|i| {
-            let (standing, own) = without(fitter, f, Part::Effect(i));
+            let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
             let Some(own) = own else { return Vec::new() };
             let taken: Vec<usize> = f.model.active.iter().map(|a| a.effect).collect();
             let mut best: Vec<Rival> = Vec::new();

@@ -14,6 +14,8 @@ pub enum Shape {
     Power(u32),
     /// A jump at this value.
     Step(f64),
+    /// Any function: a level of its own for each of this many ranges of the variable.
+    Levels(usize),
     /// A Gaussian bump at a value, with a standard deviation.
     Bump(f64, f64),
 }
@@ -33,6 +35,9 @@ pub struct Term {
 const HARMONICS: u32 = 8;
 /// Highest polynomial degree tried.
 const DEGREES: u32 = 4;
+
+/// Most levels of a free function.
+const MOST_LEVELS: usize = 24;
 
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
@@ -56,6 +61,14 @@ impl Term {
                 vec![column(&|x| legendre(k, (x - (low + high) / 2.0) / half))]
             }
             Shape::Step(at) => vec![column(&|x| if x > at { 1.0 } else { 0.0 })],
+            Shape::Levels(count) => {
+                let edges = level_edges(x, count);
+                (1..count)
+                    .map(|level| {
+                        column(&|x| f64::from(u8::from(edges.partition_point(|e| *e < x) == level)))
+                    })
+                    .collect()
+            }
             Shape::Bump(at, width) => {
                 let turn = layout.variables[self.variable].angle;
                 vec![column(&|x| {
@@ -77,6 +90,7 @@ impl Term {
             Shape::Power(1) => "linear".into(),
             Shape::Power(k) => format!("polynomial {k}"),
             Shape::Step(at) => format!("step at {at:.4}"),
+            Shape::Levels(count) => format!("irregular, {count} levels"),
             Shape::Bump(at, width) => format!("bump at {at:.4} of width {width:.3}"),
         }
     }
@@ -94,6 +108,9 @@ impl Term {
                 format!("{output} follows a polynomial of degree {k} in {variable}, {size}")
             }
             Shape::Step(at) => format!("{output} jumps at {variable} = {at:.4}, {size}"),
+            Shape::Levels(count) => {
+                format!("{output} depends on {variable} in no simple shape ({count} levels), {size}")
+            }
             Shape::Bump(at, width) => {
                 format!("{output} has a bump at {variable} = {at:.4} (width {width:.3}), {size}")
             }
@@ -146,6 +163,9 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
             shapes.push(Shape::Step(0.5 * (distinct[i] + distinct[i + 1])));
         }
     }
+    if count >= 8 && values.len() >= 60 {
+        shapes.push(Shape::Levels(count.min(MOST_LEVELS)));
+    }
     if count >= 8 {
         let spots = 16.min(count);
         for width in [(high - low) / 25.0, (high - low) / 12.0, (high - low) / 6.0] {
@@ -156,6 +176,20 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         }
     }
     shapes
+}
+
+/// Upper edges of ranges that hold about as many distinct values each.
+fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
+    let mut distinct = values.to_vec();
+    distinct.sort_by(f64::total_cmp);
+    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
+    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    (1..count)
+        .map(|k| {
+            let i = (k * distinct.len() / count).clamp(1, distinct.len() - 1);
+            0.5 * (distinct[i - 1] + distinct[i])
+        })
+        .collect()
 }
 
 /// Smallest and largest value.
@@ -180,7 +214,7 @@ impl Shape {
     /// Numbers chosen from a grid besides the coefficients.
     pub fn places(self) -> usize {
         match self {
-            Self::Harmonic(_) | Self::Power(_) => 0,
+            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) => 0,
             Self::Step(_) => 1,
             Self::Bump(..) => 2,
         }

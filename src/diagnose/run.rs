@@ -265,7 +265,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
             }
             let c = contribution(fitter, &f.model, Part::Effect(i));
             let along: f64 = c.iter().zip(gap).map(|(a, b)| a * b).sum();
-            let ln_p = without(fitter, f, Part::Effect(i)).1.map_or(0.0, |s| s.ln_p);
+            let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
             let total: f64 = 1.0 + classes[i].iter().map(|r| (-r.deficit).exp()).sum::<f64>();
             let form_corrected_over = f
                 .model

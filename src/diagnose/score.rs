@@ -181,6 +181,8 @@ pub struct Standing {
     pub residual: DVector<f64>,
     /// Degrees of freedom of each random component and of the complement.
     dof: Vec<f64>,
+    /// How far the squares exceed the degrees of freedom: what has been put back by `without`.
+    excess: f64,
     fixed: bool,
 }
 
@@ -202,9 +204,11 @@ impl Standing {
         let used = basis.ncols() as f64;
         let dimensions = fitter.space.dimensions();
         let total: f64 = dimensions.iter().sum();
-        let dof = dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
+        let dof: Vec<f64> =
+            dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
+        let excess = (white.norm_squared() - dof.iter().sum::<f64>()).max(0.0);
         let fixed = fitter.given_mm.is_some() && fitted.noise.ratios.is_empty();
-        Self { basis, residual: white.column(0).into_owned(), dof, fixed }
+        Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed }
     }
 
     /// Scores every candidate of a pool.
@@ -255,9 +259,10 @@ impl Standing {
         }
         let dof = (c.count as f64 / inverse.max(1e-9)).max(rank + 1.0);
         // The noise was estimated with this effect in it: F from what is left without it.
-        let left = (dof - chi2).max(0.02 * dof);
-        let f = chi2.min(0.98 * dof) / rank / (left / (dof - rank));
-        (ln_f_tail(f, rank, dof - rank), -0.5 * dof * (left / dof).ln())
+        let all = dof + self.excess;
+        let left = (all - chi2).max(0.02 * dof);
+        let f = (all - left) / rank / (left / (dof - rank));
+        (ln_f_tail(f, rank, dof - rank), 0.5 * dof * (all / left).ln())
     }
 }
 

@@ -20,6 +20,8 @@ const LEAST_SHARE: f64 = 0.01;
 const LEAST_CHI2: f64 = 30.0;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
+/// What a second part must gain beyond its parameters to stand beside a single name, nats.
+const SECOND_NAME: f64 = 3.0;
 /// Most parts a model may get.
 const MOST_PARTS: usize = 8;
 
@@ -53,6 +55,7 @@ pub fn select(fitter: &Fitter) -> Selection {
         let Some(next) = s.next(fitter) else { break };
         s.fitted = fitter.fit(next, Some(&s.fitted.noise));
         s.swap(fitter);
+        s.merge(fitter);
         s.drop_weak(fitter);
     }
     s
@@ -181,7 +184,7 @@ impl Selection {
         let f = &self.fitted;
         let mut found: Option<(f64, Model)> = None;
         for part in parts(&f.model) {
-            let (standing, own) = without(fitter, f, part);
+            let (standing, own) = without(fitter, f, &[part]);
             let own_bonus = if matches!(part, Part::Effect(_)) { LIBRARY_BONUS } else { 0.0 };
             let own = own.map_or(0.0, |s| s.evidence) + own_bonus;
             let other_effects: Vec<usize> = f
@@ -218,6 +221,40 @@ impl Selection {
         found.map(|(_, model)| model)
     }
 
+    /// Replaces two parts by one name where that one explains (nearly) as much.
+    fn merge(&mut self, fitter: &Fitter) {
+        let Some(model) = self.better_merge(fitter) else { return };
+        self.fitted = fitter.fit(model, Some(&self.fitted.noise));
+    }
+
+    fn better_merge(&self, fitter: &Fitter) -> Option<Model> {
+        let f = &self.fitted;
+        let all = parts(&f.model);
+        let mut found: Option<(f64, Model)> = None;
+        for (i, &a) in all.iter().enumerate() {
+            for &b in &all[i + 1..] {
+                let (standing, own) = without(fitter, f, &[a, b]);
+                // A name costs more than its parameters: two must beat one clearly.
+                let own = own.map_or(0.0, |s| s.evidence) - SECOND_NAME;
+                let rest = remove_all(&f.model, &[a, b]);
+                for s in standing.scores(fitter, f, &self.library) {
+                    let Who::Effect(c) = &self.library.candidates[s.candidate].who else { continue };
+                    let gain = s.evidence - own;
+                    if rest.active.iter().any(|r| r.effect == c.effect)
+                        || gain < 0.0
+                        || found.as_ref().is_some_and(|(g, _)| gain <= *g)
+                    {
+                        continue;
+                    }
+                    let mut model = rest.clone();
+                    model.active.push(c.clone());
+                    found = Some((gain, model));
+                }
+            }
+        }
+        found.map(|(_, model)| model)
+    }
+
     /// Removes parts that later additions have made needless.
     fn drop_weak(&mut self, fitter: &Fitter) {
         for _ in 0..4 {
@@ -225,7 +262,7 @@ impl Selection {
             let weakest = parts(&f.model)
                 .into_iter()
                 .filter_map(|p| {
-                    let ln_p = without(fitter, f, p).1.map_or(0.0, |s| s.ln_p);
+                    let ln_p = without(fitter, f, &[p]).1.map_or(0.0, |s| s.ln_p);
                     let tests = match p {
                         Part::Effect(_) => self.library_tests,
                         Part::Extra(i) => match f.model.extras[i].kind {
@@ -281,32 +318,57 @@ fn with_extra(model: &Model, pool: &Pool, score: &Score) -> Model {
     next
 }
 
-/// The standing of a fitted model without one part, and that part's own score on it.
-pub fn without(fitter: &Fitter, f: &Fitted, part: Part) -> (Standing, Option<Score>) {
+/// The model without several parts.
+fn remove_all(model: &Model, gone: &[Part]) -> Model {
+    let mut sorted = gone.to_vec();
+    // Extra terms first, from the back, so that the places of the others stay.
+    sorted.sort_by_key(|p| match p {
+        Part::Extra(i) => (0, usize::MAX - i),
+        Part::Effect(i) => (1, usize::MAX - i),
+    });
+    sorted.into_iter().fold(model.clone(), |m, p| remove(&m, p))
+}
+
+/// The standing of a fitted model without some parts (named effects take the corrections of their form along), and
+/// the parts' own joint score on it.
+pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<Score>) {
     let offsets = fitter.offsets(&f.model);
-    let index = |part: Part| match part {
-        Part::Effect(i) => i,
-        Part::Extra(i) => f.model.active.len() + i,
+    let range = |part: Part| {
+        let i = match part {
+            Part::Effect(i) => i,
+            Part::Extra(i) => f.model.active.len() + i,
+        };
+        offsets[i]..offsets[i + 1]
     };
-    let mut gone = vec![(offsets[index(part)]..offsets[index(part) + 1], contribution(fitter, &f.model, part))];
-    if let Part::Effect(i) = part {
-        let name = f.model.active[i].effect;
-        for (k, e) in f.model.extras.iter().enumerate() {
-            if matches!(e.kind, Extra::Form { effect, .. } if effect == name) {
-                let k = Part::Extra(k);
-                gone.push((offsets[index(k)]..offsets[index(k) + 1], contribution(fitter, &f.model, k)));
+    let mut all = gone.to_vec();
+    for (k, e) in f.model.extras.iter().enumerate() {
+        let follows = |p: &Part| {
+            matches!((p, &e.kind), (Part::Effect(i), Extra::Form { effect, .. })
+                if f.model.active[*i].effect == *effect)
+        };
+        if gone.iter().any(follows) && !gone.contains(&Part::Extra(k)) {
+            all.push(Part::Extra(k));
+        }
+    }
+    let put_back: Vec<_> =
+        all.iter().map(|&p| (range(p), contribution(fitter, &f.model, p))).collect();
+    let standing = Standing::new(fitter, f, &put_back);
+    let (mut linear, mut shape_parameters) = (Vec::new(), 0);
+    for &part in &all {
+        match part {
+            Part::Effect(i) => {
+                let (columns, shapes) = linear_columns(fitter, &f.model.active[i], range(part));
+                linear.extend(columns);
+                shape_parameters += shapes;
+            }
+            Part::Extra(i) => {
+                linear.extend(range(part));
+                if let Extra::Generic(t) = &f.model.extras[i].kind {
+                    shape_parameters += t.shape.places();
+                }
             }
         }
     }
-    let standing = Standing::new(fitter, f, &gone);
-    let own = gone[0].0.clone();
-    let (linear, shape_parameters) = match part {
-        Part::Effect(i) => linear_columns(fitter, &f.model.active[i], own),
-        Part::Extra(i) => match &f.model.extras[i].kind {
-            Extra::Generic(t) => (own.collect(), t.shape.places()),
-            Extra::Form { .. } => (own.collect(), 0),
-        },
-    };
     let block = f.tangent.select_columns(&linear);
     let kind = Extra::Form { effect: usize::MAX, variable: 0 };
     let mut pool = Pool::of_terms(fitter, vec![(kind, block)]);
@@ -330,5 +392,5 @@ fn linear_columns(
 
 /// χ² that one part explains given all others.
 pub fn part_chi2(fitter: &Fitter, f: &Fitted, part: Part) -> f64 {
-    without(fitter, f, part).1.map_or(0.0, |s| s.chi2)
+    without(fitter, f, &[part]).1.map_or(0.0, |s| s.chi2)
 }
