@@ -5,6 +5,7 @@
 
 mod plans;
 
+mod rod;
 mod rtcp;
 mod score;
 
@@ -51,6 +52,7 @@ fn main() {
             let mut case_rng = ChaCha8Rng::seed_from_u64(rng.random());
             let case = match kind {
                 "rtcp" => rtcp::case(sort, index, &mut case_rng),
+                "rod" => rod::case(sort, index, &mut case_rng),
                 
                 other => {
                     eprintln!("no generator for '{other}'");

@@ -1,6 +1,6 @@
 //! Reading the data, one file per kind: columns, captures, and what missing columns make untestable.
 
-//ROD
+pub mod rod;
 pub mod rtcp;
 
 use std::collections::HashMap;

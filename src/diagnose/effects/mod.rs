@@ -1,6 +1,6 @@
 //! The effects the diagnosis knows by name, one file per kind of data.
 
-//ROD
+pub mod rod;
 pub mod rtcp;
 
 use std::collections::BTreeMap;
