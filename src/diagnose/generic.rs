@@ -168,7 +168,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
     }
     if count >= 8 {
         let spots = 16.min(count);
-        for width in [(high - low) / 25.0, (high - low) / 12.0, (high - low) / 6.0] {
+        for width in [(high - low) / 20.0, (high - low) / 8.0] {
             for s in 0..spots {
                 let i = (s as f64 / (spots - 1) as f64 * (count - 1) as f64).round() as usize;
                 shapes.push(Shape::Bump(distinct[i], width));

@@ -137,25 +137,36 @@ impl Space {
 
     /// Scales split columns so that the noise has unit variance.
     pub fn whiten(&self, split: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
-        let (top, d) = (self.top(), self.random_count());
+        let (top, n) = (self.top(), self.classes.len());
         let mut out = split.clone();
-        let scale: Vec<f64> = noise.sigma_mm.iter().map(|s| s.recip()).collect();
-        if d > 0 {
-            for (g, group) in self.groups.iter().enumerate() {
-                let k = group.q.ncols();
-                let Some(l) = self.factor(group, noise) else { continue };
-                let mut block = out.view_mut((g * d, 0), (k, split.ncols()));
-                l.solve_lower_triangular_mut(&mut block);
-                block *= scale[0];
-            }
-        }
-        for c in 0..out.ncols() {
-            let mut column = out.column_mut(c);
-            for (i, &class) in self.classes.iter().enumerate() {
-                column[top + i] *= scale[class];
-            }
+        let shared = self.whiten_top(&split.rows(0, top).into_owned(), noise);
+        out.rows_mut(0, top).copy_from(&shared);
+        let rest = self.whiten_rest(split.rows(top, n).into_owned(), noise);
+        out.rows_mut(top, n).copy_from(&rest);
+        out
+    }
+
+    /// Whitens the capture-level rows alone.
+    pub fn whiten_top(&self, top: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        let d = self.random_count();
+        let mut out = top.clone();
+        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
+            let Some(l) = self.factor(group, noise) else { continue };
+            let mut block = out.view_mut((g * d, 0), (group.q.ncols(), top.ncols()));
+            l.solve_lower_triangular_mut(&mut block);
+            block /= noise.sigma_mm[0];
         }
         out
+    }
+
+    /// Whitens the remainder of each observation.
+    pub fn whiten_rest(&self, mut rest: DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        for mut column in rest.column_iter_mut() {
+            for (v, &class) in column.iter_mut().zip(&self.classes) {
+                *v /= noise.sigma_mm[class];
+            }
+        }
+        rest
     }
 
     /// Lower Cholesky factor of I + R D Rᵀ.
@@ -280,16 +291,15 @@ impl Space {
         change
     }
 
-    /// How much of each split column lies in each random component, and in the complement (last).
-    pub fn shares(&self, whitened: &DMatrix<f64>, column: usize) -> Vec<f64> {
-        let (top, d) = (self.top(), self.random_count());
+    /// How much of a whitened column lies in each random component, and in the complement (last).
+    pub fn shares(&self, top: nalgebra::DVectorView<f64>, rest_squared: f64) -> Vec<f64> {
+        let d = self.random_count();
         let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
         let mut shares = vec![0.0; components + 1];
-        let column = whitened.column(column);
-        for i in 0..top {
-            shares[self.components[i % d]] += column[i] * column[i];
+        for (i, v) in top.iter().enumerate() {
+            shares[self.components[i % d]] += v * v;
         }
-        shares[components] = column.rows(top, column.len() - top).norm_squared();
+        shares[components] = rest_squared;
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
         shares.iter().map(|s| s / total).collect()
     }

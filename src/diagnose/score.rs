@@ -32,13 +32,40 @@ pub struct Candidate {
     pub shape_parameters: usize,
 }
 
-/// Candidates with their columns, split but not yet whitened.
+/// Candidates with their columns, split but not yet whitened. Those that live in the capture-level rows alone come first.
 pub struct Pool {
     /// The candidates.
     pub candidates: Vec<Candidate>,
-    /// Their columns, mm per unit.
-    pub columns: DMatrix<f64>,
-    split: DMatrix<f64>,
+    /// Capture-level rows of all columns.
+    top: DMatrix<f64>,
+    /// Remainders of the columns from `rest_from` on.
+    rest: DMatrix<f64>,
+    rest_from: usize,
+}
+
+/// A pool's columns, whitened, with what a model explains of them.
+struct Projected {
+    top: DMatrix<f64>,
+    rest: DMatrix<f64>,
+    rest_from: usize,
+    /// Components along the model's basis.
+    along: DMatrix<f64>,
+}
+
+impl Projected {
+    /// Inner product of two columns after the projection.
+    fn dot(&self, i: usize, j: usize) -> f64 {
+        self.whole(i, j) - self.along.column(i).dot(&self.along.column(j))
+    }
+
+    /// Inner product of two columns before the projection.
+    fn whole(&self, i: usize, j: usize) -> f64 {
+        let top = self.top.column(i).dot(&self.top.column(j));
+        match (i.checked_sub(self.rest_from), j.checked_sub(self.rest_from)) {
+            (Some(i), Some(j)) => top + self.rest.column(i).dot(&self.rest.column(j)),
+            _ => top,
+        }
+    }
 }
 
 /// A candidate's score.
@@ -59,24 +86,38 @@ pub struct Score {
 }
 
 impl Pool {
-    fn new(fitter: &Fitter, candidates: Vec<Candidate>, columns: Vec<DMatrix<f64>>) -> Self {
-        let rows = fitter.experiment.layout().values.len();
-        let count = columns.iter().map(DMatrix::ncols).sum();
-        let mut all = DMatrix::zeros(rows, count);
-        let mut at = 0;
-        for block in &columns {
-            all.view_mut((0, at), (rows, block.ncols())).copy_from(block);
-            at += block.ncols();
+    fn new(fitter: &Fitter, entries: Vec<(Who, usize, DMatrix<f64>)>) -> Self {
+        let top_rows = fitter.space.top();
+        let mut sides: [Vec<(Who, usize, DMatrix<f64>)>; 2] = [Vec::new(), Vec::new()];
+        for (who, shapes, block) in entries {
+            let split = fitter.space.split(&block);
+            let rest = split.rows(top_rows, block.nrows()).norm();
+            let within = top_rows == 0 || rest > 1e-9 * split.norm();
+            sides[usize::from(within)].push((who, shapes, split));
         }
-        let split = fitter.space.split(&all);
-        Self { candidates, columns: all, split }
+        let rest_from = sides[0].iter().map(|(_, _, s)| s.ncols()).sum();
+        let count: usize = sides.iter().flatten().map(|(_, _, s)| s.ncols()).sum();
+        let rows = fitter.experiment.layout().values.len();
+        let mut top = DMatrix::zeros(top_rows, count);
+        let mut rest = DMatrix::zeros(rows, count - rest_from);
+        let (mut candidates, mut first) = (Vec::new(), 0);
+        for (who, shape_parameters, split) in sides.into_iter().flatten() {
+            let n = split.ncols();
+            top.columns_mut(first, n).copy_from(&split.rows(0, top_rows));
+            if first >= rest_from {
+                rest.columns_mut(first - rest_from, n).copy_from(&split.rows(top_rows, rows));
+            }
+            candidates.push(Candidate { who, first, count: n, shape_parameters });
+            first += n;
+        }
+        Self { candidates, top, rest, rest_from }
     }
 
     /// Every testable form of every library effect, linearised about the baseline.
     pub fn library(fitter: &Fitter, nuisances: &[f64]) -> Self {
         let experiment = fitter.experiment;
         let base = experiment.predict(nuisances, &[]);
-        let (mut candidates, mut columns, mut first) = (Vec::new(), Vec::new(), 0);
+        let mut entries = Vec::new();
         for (effect, info) in experiment.effects().iter().enumerate() {
             if info.untestable.is_some() {
                 continue;
@@ -96,17 +137,14 @@ impl Pool {
                             block[(r, c)] = (f - b) / step;
                         }
                     }
-                    let count = linear.len();
                     let shape_parameters =
                         parameters.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
                     let who = Who::Effect(Active { effect, form, values });
-                    candidates.push(Candidate { who, first, count, shape_parameters });
-                    columns.push(block);
-                    first += count;
+                    entries.push((who, shape_parameters, block));
                 }
             }
         }
-        Self::new(fitter, candidates, columns)
+        Self::new(fitter, entries)
     }
 
     /// The generic dictionary.
@@ -121,40 +159,29 @@ impl Pool {
 
     /// A pool of extra terms.
     pub fn of_terms(fitter: &Fitter, terms: Vec<(Extra, DMatrix<f64>)>) -> Self {
-        let (mut candidates, mut columns, mut first) = (Vec::new(), Vec::new(), 0);
-        for (kind, block) in terms {
-            let count = block.ncols();
-            // A step or bump is chosen from many places: its place counts as fitted.
-            let shape_parameters = match kind {
-                Extra::Generic(Term { shape, .. }) => shape.places(),
-                Extra::Form { .. } => 0,
-            };
-            let who = Who::Extra(kind);
-            candidates.push(Candidate { who, first, count, shape_parameters });
-            columns.push(block);
-            first += count;
-        }
-        Self::new(fitter, candidates, columns)
+        let entries = terms
+            .into_iter()
+            .map(|(kind, block)| {
+                // A step or bump is chosen from many places: its place counts as fitted.
+                let shape_parameters = match kind {
+                    Extra::Generic(Term { shape, .. }) => shape.places(),
+                    Extra::Form { .. } => 0,
+                };
+                (Who::Extra(kind), shape_parameters, block)
+            })
+            .collect();
+        Self::new(fitter, entries)
     }
 
-    /// Columns of one candidate.
-    pub fn block(&self, candidate: usize) -> DMatrix<f64> {
-        let c = &self.candidates[candidate];
-        self.columns.columns(c.first, c.count).into_owned()
-    }
-
-    /// All columns whitened, with `basis` projected out.
-    pub fn projected(
-        &self,
-        fitter: &Fitter,
-        fitted: &Fitted,
-        basis: &DMatrix<f64>,
-    ) -> (DMatrix<f64>, Vec<f64>) {
-        let mut x = fitter.space.whiten(&self.split, &fitted.noise);
-        let before = x.column_iter().map(|c| c.norm()).collect();
-        let along = basis.tr_mul(&x);
-        x.gemm(-1.0, basis, &along, 1.0);
-        (x, before)
+    fn project(&self, fitter: &Fitter, fitted: &Fitted, basis: &DMatrix<f64>) -> Projected {
+        let (top_rows, n) = (self.top.nrows(), self.rest.nrows());
+        let top = fitter.space.whiten_top(&self.top, &fitted.noise);
+        let rest = fitter.space.whiten_rest(self.rest.clone(), &fitted.noise);
+        let mut along = basis.rows(0, top_rows).tr_mul(&top);
+        let more = basis.rows(top_rows, n).tr_mul(&rest);
+        let mut later = along.columns_mut(self.rest_from, rest.ncols());
+        later += more;
+        Projected { top, rest, rest_from: self.rest_from, along }
     }
 }
 
@@ -213,48 +240,40 @@ impl Standing {
 
     /// Scores every candidate of a pool.
     pub fn scores(&self, fitter: &Fitter, fitted: &Fitted, pool: &Pool) -> Vec<Score> {
-        let (x, before) = pool.projected(fitter, fitted, &self.basis);
-        let along = x.tr_mul(&self.residual);
+        let x = pool.project(fitter, fitted, &self.basis);
+        let top_rows = x.top.nrows();
+        let mut along = x.top.tr_mul(&self.residual.rows(0, top_rows));
+        let more = x.rest.tr_mul(&self.residual.rows(top_rows, x.rest.nrows()));
+        let mut later = along.rows_mut(x.rest_from, more.len());
+        later += more;
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
         let n = fitter.space.observations().max(1) as f64;
         (0..pool.candidates.len())
             .filter_map(|index| {
                 let c = &pool.candidates[index];
-                let (chi2, rank) = block_chi2(&x, &along, &before, c);
+                let (chi2, rank) = block_chi2(&x, &along, c);
                 if rank == 0 {
                     return None;
                 }
-                let rank_f = rank as f64;
-                let (ln_p, gain) = self.significance(fitter, &x, c, chi2, rank_f);
+                let ln_p = self.ln_p(fitter, &x, c, chi2, rank as f64);
                 let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
-                let sigma = fitted.noise.sigma_mm[0];
-                Some(Score {
-                    candidate: index,
-                    chi2,
-                    rank,
-                    ln_p,
-                    evidence: gain - price,
-                    rms_mm: sigma * (chi2 / n).sqrt(),
-                })
+                let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
+                let evidence = 0.5 * chi2 - price;
+                Some(Score { candidate: index, chi2, rank, ln_p, evidence, rms_mm })
             })
             .collect()
     }
 
-    /// ln p and the log-likelihood gain, with the noise's own uncertainty.
-    fn significance(
-        &self,
-        fitter: &Fitter,
-        x: &DMatrix<f64>,
-        c: &Candidate,
-        chi2: f64,
-        rank: f64,
-    ) -> (f64, f64) {
+    /// ln p, with the noise's own uncertainty.
+    fn ln_p(&self, fitter: &Fitter, x: &Projected, c: &Candidate, chi2: f64, rank: f64) -> f64 {
         if self.fixed {
-            return (ln_f_tail(chi2 / rank, rank, f64::INFINITY), 0.5 * chi2);
+            return ln_f_tail(chi2 / rank, rank, f64::INFINITY);
         }
         let mut inverse = 0.0;
         for k in c.first..c.first + c.count {
-            let shares = fitter.space.shares(x, k);
+            let top = x.top.column(k);
+            let rest = (x.whole(k, k) - top.norm_squared()).max(0.0);
+            let shares = fitter.space.shares(top.as_view(), rest);
             inverse += shares.iter().zip(&self.dof).map(|(s, d)| s * s / d.max(1.0)).sum::<f64>();
         }
         let dof = (c.count as f64 / inverse.max(1e-9)).max(rank + 1.0);
@@ -262,7 +281,7 @@ impl Standing {
         let all = dof + self.excess;
         let left = (all - chi2).max(0.02 * dof);
         let f = (all - left) / rank / (left / (dof - rank));
-        (ln_f_tail(f, rank, dof - rank), 0.5 * dof * (all / left).ln())
+        ln_f_tail(f, rank, dof - rank)
     }
 }
 
@@ -270,23 +289,24 @@ impl Standing {
 const ALIAS: f64 = 3e-3;
 
 /// χ² explained by a block and the number of its columns that survive the projection.
-fn block_chi2(
-    x: &DMatrix<f64>,
-    along: &DVector<f64>,
-    before: &[f64],
-    c: &Candidate,
-) -> (f64, usize) {
+fn block_chi2(x: &Projected, along: &DVector<f64>, c: &Candidate) -> (f64, usize) {
     if c.count == 1 {
-        let norm = x.column(c.first).norm();
-        let seen = norm > ALIAS * before[c.first] && norm > 0.0;
-        return if seen { ((along[c.first] / norm).powi(2), 1) } else { (0.0, 0) };
+        let (left, before) = (x.dot(c.first, c.first), x.whole(c.first, c.first));
+        let seen = left > ALIAS * ALIAS * before && left > 0.0;
+        return if seen { (along[c.first].powi(2) / left, 1) } else { (0.0, 0) };
     }
-    let block = x.columns(c.first, c.count);
-    let scale: Vec<f64> =
-        (0..c.count).map(|k| before[c.first + k]).map(|b| if b > 0.0 { b } else { 1.0 }).collect();
-    let gram = DMatrix::from_fn(c.count, c.count, |i, j| {
-        block.column(i).dot(&block.column(j)) / (scale[i] * scale[j])
-    });
+    let scale: Vec<f64> = (c.first..c.first + c.count)
+        .map(|k| x.whole(k, k).sqrt())
+        .map(|b| if b > 0.0 { b } else { 1.0 })
+        .collect();
+    let mut gram = DMatrix::zeros(c.count, c.count);
+    for i in 0..c.count {
+        for j in 0..=i {
+            let value = x.dot(c.first + i, c.first + j) / (scale[i] * scale[j]);
+            gram[(i, j)] = value;
+            gram[(j, i)] = value;
+        }
+    }
     let rhs = DVector::from_fn(c.count, |i, _| along[c.first + i] / scale[i]);
     let eigen = gram.symmetric_eigen();
     let (mut chi2, mut rank) = (0.0, 0);
@@ -306,15 +326,25 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     if pool.candidates.is_empty() {
         return 1.0;
     }
-    let (x, before) = pool.projected(fitter, fitted, &standing.basis);
-    let total: usize = x.ncols();
-    // The joint span in few dimensions: scores depend on x only through its Gram matrix.
-    let compact = if x.nrows() > total { x.qr().r() } else { x };
+    let x = pool.project(fitter, fitted, &standing.basis);
+    let total = x.along.ncols();
+    // The scores depend on the columns only through their Gram matrix: its root is small.
+    let mut gram = DMatrix::zeros(total, total);
+    for i in 0..total {
+        for j in 0..=i {
+            let value = x.dot(i, j) / (x.whole(i, i) * x.whole(j, j)).sqrt().max(1e-300);
+            gram[(i, j)] = value;
+            gram[(j, i)] = value;
+        }
+    }
+    let eigen = gram.symmetric_eigen();
+    let root = DMatrix::from_fn(total, total, |k, i| {
+        eigen.eigenvalues[k].max(0.0).sqrt() * eigen.eigenvectors[(i, k)]
+    });
     let mut bases: Vec<(usize, DMatrix<f64>)> = Vec::new();
     for c in &pool.candidates {
-        let block = compact.columns(c.first, c.count).into_owned();
-        let seen: Vec<usize> =
-            (0..c.count).filter(|&k| block.column(k).norm() > ALIAS * before[c.first + k]).collect();
+        let block = root.columns(c.first, c.count).into_owned();
+        let seen: Vec<usize> = (0..c.count).filter(|&k| block.column(k).norm() > ALIAS).collect();
         let basis = orthonormal(&block.select_columns(&seen), ALIAS);
         if basis.ncols() > 0 {
             bases.push((basis.ncols(), basis));
@@ -325,7 +355,7 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     let mut smallest: Vec<f64> = (0..DRAWS)
         .map(|_| {
             let noise: DVector<f64> =
-                DVector::from_fn(compact.nrows(), |_, _| StandardNormal.sample(&mut rng));
+                DVector::from_fn(total, |_, _| StandardNormal.sample(&mut rng));
             let mut largest = vec![0.0_f64; most + 1];
             for (rank, basis) in &bases {
                 let chi2 = basis.tr_mul(&noise).norm_squared();

@@ -86,11 +86,12 @@ impl Selection {
                 (Some(l), g) if g.as_ref().is_none_or(|g| l.evidence >= g.evidence - LIBRARY_BONUS) => {
                     Some(self.with_library(&l))
                 }
-                (_, Some(g)) => Some(with_extra(&f.model, &self.generic, &g)),
+                (_, Some(g)) => Some(with_extra(fitter, &f.model, &[], &self.generic, &g)),
                 _ => None,
             };
         }
-        let forms = self.form_pool(fitter);
+        let form_columns = self.form_terms(fitter);
+        let forms = Pool::of_terms(fitter, form_columns.clone());
         let form_tests = (forms.candidates.len() as f64).max(1.0).ln();
         let form = best(
             standing
@@ -108,14 +109,14 @@ impl Selection {
         if let Some(x) = &form {
             let small = rival_chi2 < FORM_SHARE * named;
             if x.evidence >= rival - LIBRARY_BONUS || (small && x.evidence > 0.6 * rival) {
-                return Some(with_extra(&f.model, &forms, x));
+                return Some(with_extra(fitter, &f.model, &form_columns, &forms, x));
             }
         }
         match (library, generic) {
             (Some(l), g) if g.as_ref().is_none_or(|g| l.evidence >= g.evidence - LIBRARY_BONUS) => {
                 Some(self.with_library(&l))
             }
-            (_, Some(g)) => Some(with_extra(&f.model, &self.generic, &g)),
+            (_, Some(g)) => Some(with_extra(fitter, &f.model, &[], &self.generic, &g)),
             _ => None,
         }
     }
@@ -146,7 +147,7 @@ impl Selection {
     }
 
     /// Corrections to the forms of the named effects: their signature times a slow function of a variable.
-    pub fn form_pool(&self, fitter: &Fitter) -> Pool {
+    fn form_terms(&self, fitter: &Fitter) -> Vec<(Extra, DMatrix<f64>)> {
         let layout = fitter.experiment.layout();
         let model = &self.fitted.model;
         let mut terms = Vec::new();
@@ -169,7 +170,7 @@ impl Selection {
                 terms.push((kind, columns));
             }
         }
-        Pool::of_terms(fitter, terms)
+        terms
     }
 
     /// Replaces parts by better ones while that helps.
@@ -213,7 +214,7 @@ impl Selection {
             }
             if matches!(part, Part::Effect(_)) || matches!(part, Part::Extra(_)) {
                 for s in standing.scores(fitter, f, &self.generic) {
-                    let model = with_extra(&remove(&f.model, part), &self.generic, &s);
+                    let model = with_extra(fitter, &remove(&f.model, part), &[], &self.generic, &s);
                     consider(&s, 0.0, model);
                 }
             }
@@ -308,12 +309,23 @@ pub fn remove(model: &Model, part: Part) -> Model {
     next
 }
 
-fn with_extra(model: &Model, pool: &Pool, score: &Score) -> Model {
+fn with_extra(
+    fitter: &Fitter,
+    model: &Model,
+    forms: &[(Extra, DMatrix<f64>)],
+    pool: &Pool,
+    score: &Score,
+) -> Model {
     let mut next = model.clone();
     if let Who::Extra(kind) = &pool.candidates[score.candidate].who {
-        let columns = pool.block(score.candidate);
-        let values = vec![0.0; columns.ncols()];
-        next.extras.push(ExtraTerm { kind: kind.clone(), columns, values });
+        let columns = match kind {
+            Extra::Generic(term) => Some(term.columns(fitter.experiment.layout())),
+            Extra::Form { .. } => forms.iter().find(|(k, _)| k == kind).map(|(_, c)| c.clone()),
+        };
+        if let Some(columns) = columns {
+            let values = vec![0.0; columns.ncols()];
+            next.extras.push(ExtraTerm { kind: kind.clone(), columns, values });
+        }
     }
     next
 }
