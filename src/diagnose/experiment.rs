@@ -128,6 +128,8 @@ pub trait Experiment {
     fn effects(&self) -> &[EffectInfo];
     /// The exact prediction of every observation, mm.
     fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64>;
+    /// The prediction in the data file's own columns, one value a row.
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)>;
     /// The experiment with other captures planned in (`None` where plans cannot be extended).
     fn with_plan(&self, _extra: &[PlannedCapture]) -> Option<Box<dyn Experiment>> {
         None

@@ -7,6 +7,8 @@ pub mod experiment;
 pub mod fit;
 pub mod generic;
 pub mod holdout;
+pub mod load;
+pub mod model;
 pub mod noise;
 pub mod report;
 pub mod run;

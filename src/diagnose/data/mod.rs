@@ -1,5 +1,6 @@
 //! Reading the data, one file per kind: columns, captures, and what missing columns make untestable.
 
+pub mod columns;
 pub mod rod;
 pub mod rtcp;
 

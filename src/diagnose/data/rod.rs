@@ -358,4 +358,14 @@ impl Experiment for RodExperiment {
             .map(|i| self.data.predicted(i, centre, nuisances[2], &errors[self.data.capture[i]]))
             .collect()
     }
+
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
+        let d = &self.data;
+        let pixels = predicted.iter().enumerate().map(|(i, distance)| {
+            let direction = (d.points[i] - d.pole).normalize();
+            d.view.to_pixel(d.pole + direction * *distance - d.place[d.capture[i]])
+        });
+        let (u, v): (Vec<f64>, Vec<f64>) = pixels.map(|p| (p.x, p.y)).unzip();
+        vec![("u_px", u), ("v_px", v)]
+    }
 }

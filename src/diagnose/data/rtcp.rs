@@ -251,4 +251,9 @@ impl Experiment for RtcpExperiment {
             .flat_map(|(row, e)| <[f64; 3]>::from(e.deviation(&self.data, row, shift)))
             .collect()
     }
+
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
+        let column = |k: usize| predicted.iter().skip(k).step_by(3).copied().collect();
+        vec![("dx_mm", column(0)), ("dy_mm", column(1)), ("dz_mm", column(2))]
+    }
 }

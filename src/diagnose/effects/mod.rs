@@ -1,7 +1,10 @@
 //! The effects the diagnosis knows by name, one file per kind of data.
 
+pub mod ballbar;
+pub mod burn;
 pub mod rod;
 pub mod rtcp;
+pub mod thermal;
 
 use std::collections::BTreeMap;
 
