@@ -53,7 +53,7 @@ fn main() {
             let case = match kind {
                 "rtcp" => rtcp::case(sort, index, &mut case_rng),
                 "rod" => rod::case(sort, index, &mut case_rng),
-                
+
                 other => {
                     eprintln!("no generator for '{other}'");
                     std::process::exit(2);

@@ -44,26 +44,64 @@ struct Wrong {
 type Effect = Box<dyn Fn(&Capture, f64, [f64; 2], f64) -> Wrong>;
 
 const NAMES: &[&str] = &[
-    "pixel-scale", "pixel-aspect", "camera-rotation", "camera-shear", "camera-tilt", "lens-radial", "lens-radial-5",
-    "lens-decentring", "edge-bias-light", "shutter-skew", "scale-x", "scale-y", "squareness-xy", "backlash-x", "backlash-y",
-    "cyclic-x", "cyclic-y", "rod-eccentricity", "rod-oval", "rod-three-lobe", "c-radial-2x", "drift-time",
-    "drift-temperature", "rod-growth",
+    "pixel-scale",
+    "pixel-aspect",
+    "camera-rotation",
+    "camera-shear",
+    "camera-tilt",
+    "lens-radial",
+    "lens-radial-5",
+    "lens-decentring",
+    "edge-bias-light",
+    "shutter-skew",
+    "scale-x",
+    "scale-y",
+    "squareness-xy",
+    "backlash-x",
+    "backlash-y",
+    "cyclic-x",
+    "cyclic-y",
+    "rod-eccentricity",
+    "rod-oval",
+    "rod-three-lobe",
+    "c-radial-2x",
+    "drift-time",
+    "drift-temperature",
+    "rod-growth",
 ];
 
 fn plan(sort: &Sort, rng: &mut impl Rng) -> Vec<Capture> {
     let mut list = Vec::new();
     for i in 0..CAPTURES {
-        let c: f64 = if sort.poor { 0.0 } else { (i as f64 * 6.0 + rng.random_range(-2.0..2.0)).to_radians() };
-        list.push((CENTRE[0] + rng.random_range(-3.0..3.0), CENTRE[1] + rng.random_range(-2.0..2.0), c));
+        let c: f64 = if sort.poor {
+            0.0
+        } else {
+            (i as f64 * 6.0 + rng.random_range(-2.0..2.0)).to_radians()
+        };
+        list.push((
+            CENTRE[0] + rng.random_range(-3.0..3.0),
+            CENTRE[1] + rng.random_range(-2.0..2.0),
+            c,
+        ));
     }
     let order = if sort.poor { (0..CAPTURES).collect() } else { shuffled(CAPTURES, rng) };
     let mut captures: Vec<Capture> = Vec::new();
     for (k, i) in order.into_iter().enumerate() {
         let t = 40.0 * k as f64 + rng.random_range(0.0..9.0);
-        let temp = 20.0 + 5.0 * (1.0 - (-t / 1200.0).exp()) + 1.2 * (t / 350.0).sin() + 0.02 * gauss(rng);
+        let temp =
+            20.0 + 5.0 * (1.0 - (-t / 1200.0).exp()) + 1.2 * (t / 350.0).sin() + 0.02 * gauss(rng);
         let mut side = || if rng.random_bool(0.5) { 1.0 } else { -1.0 };
         let (x, y, c) = list[i];
-        captures.push(Capture { x, y, c, t, temp, dir_x: side(), dir_y: side(), approach: rng.random_range(1.0..20.0) });
+        captures.push(Capture {
+            x,
+            y,
+            c,
+            t,
+            temp,
+            dir_x: side(),
+            dir_y: side(),
+            approach: rng.random_range(1.0..20.0),
+        });
     }
     for _ in 0..sort.repeats {
         let at = rng.random_range(0..captures.len());
@@ -108,35 +146,85 @@ fn effect(name: &str, captures: &[Capture], rng: &mut impl Rng) -> Effect {
         "lens-decentring" => Box::new(move |_, _, w, a| {
             let (x, y) = (w[0] / wide, w[1] / wide);
             let (p1, p2, r2) = (a * cp, a * sp, x * x + y * y);
-            Wrong { seen: [wide * (2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)), wide * (p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y)], ..Wrong::default() }
+            Wrong {
+                seen: [
+                    wide * (2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)),
+                    wide * (p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y),
+                ],
+                ..Wrong::default()
+            }
         }),
-        "edge-bias-light" => Box::new(move |_, _, w, a| Wrong { radius: a * (cp * w[0] + sp * w[1]), ..Wrong::default() }),
-        "shutter-skew" => Box::new(|c, _, w, a| Wrong { seen: [a * c.dir_x * w[1], a * c.dir_y * w[1]], ..Wrong::default() }),
+        "edge-bias-light" => Box::new(move |_, _, w, a| Wrong {
+            radius: a * (cp * w[0] + sp * w[1]),
+            ..Wrong::default()
+        }),
+        "shutter-skew" => Box::new(|c, _, w, a| Wrong {
+            seen: [a * c.dir_x * w[1], a * c.dir_y * w[1]],
+            ..Wrong::default()
+        }),
         "scale-x" => Box::new(|c, _, _, a| Wrong { place: [a * c.x, 0.0], ..Wrong::default() }),
         "scale-y" => Box::new(|c, _, _, a| Wrong { place: [0.0, a * c.y], ..Wrong::default() }),
-        "squareness-xy" => Box::new(|c, _, _, a| Wrong { place: [-a * c.y, 0.0], ..Wrong::default() }),
-        "backlash-x" => Box::new(|c, _, _, a| Wrong { place: [-a * c.dir_x * (1.0 - 0.6 * (-c.approach / 4.0).exp()), 0.0], ..Wrong::default() }),
-        "backlash-y" => Box::new(|c, _, _, a| Wrong { place: [0.0, -a * c.dir_y * (1.0 - 0.6 * (-c.approach / 4.0).exp())], ..Wrong::default() }),
-        "cyclic-x" => Box::new(move |c, _, _, a| Wrong { place: [a * ((c.x / 2.0 * std::f64::consts::TAU + phase).sin() + 0.1 * (c.x * std::f64::consts::TAU).sin()), 0.0], ..Wrong::default() }),
-        "cyclic-y" => Box::new(move |c, _, _, a| Wrong { place: [0.0, a * ((c.y / 2.0 * std::f64::consts::TAU + phase).sin() + 0.1 * (c.y * std::f64::consts::TAU).sin())], ..Wrong::default() }),
-        "rod-eccentricity" => Box::new(move |c, _, _, a| Wrong { centre: [a * (c.c + phase).cos(), a * (c.c + phase).sin()], ..Wrong::default() }),
+        "squareness-xy" => {
+            Box::new(|c, _, _, a| Wrong { place: [-a * c.y, 0.0], ..Wrong::default() })
+        }
+        "backlash-x" => Box::new(|c, _, _, a| Wrong {
+            place: [-a * c.dir_x * (1.0 - 0.6 * (-c.approach / 4.0).exp()), 0.0],
+            ..Wrong::default()
+        }),
+        "backlash-y" => Box::new(|c, _, _, a| Wrong {
+            place: [0.0, -a * c.dir_y * (1.0 - 0.6 * (-c.approach / 4.0).exp())],
+            ..Wrong::default()
+        }),
+        "cyclic-x" => Box::new(move |c, _, _, a| Wrong {
+            place: [
+                a * ((c.x / 2.0 * std::f64::consts::TAU + phase).sin()
+                    + 0.1 * (c.x * std::f64::consts::TAU).sin()),
+                0.0,
+            ],
+            ..Wrong::default()
+        }),
+        "cyclic-y" => Box::new(move |c, _, _, a| Wrong {
+            place: [
+                0.0,
+                a * ((c.y / 2.0 * std::f64::consts::TAU + phase).sin()
+                    + 0.1 * (c.y * std::f64::consts::TAU).sin()),
+            ],
+            ..Wrong::default()
+        }),
+        "rod-eccentricity" => Box::new(move |c, _, _, a| Wrong {
+            centre: [a * (c.c + phase).cos(), a * (c.c + phase).sin()],
+            ..Wrong::default()
+        }),
         // An ellipse, not a cosine.
         "rod-oval" => Box::new(move |c, phi, _, a| {
             let p = phi - c.c - phase;
             let e = a / RADIUS;
-            Wrong { radius: RADIUS * ((1.0 - e * e) / (1.0 - 2.0 * e * (2.0 * p).cos() + e * e)).sqrt() - RADIUS, ..Wrong::default() }
+            Wrong {
+                radius: RADIUS * ((1.0 - e * e) / (1.0 - 2.0 * e * (2.0 * p).cos() + e * e)).sqrt()
+                    - RADIUS,
+                ..Wrong::default()
+            }
         }),
-        "rod-three-lobe" => Box::new(move |c, phi, _, a| Wrong { radius: a * (3.0 * (phi - c.c) - phase).cos(), ..Wrong::default() }),
+        "rod-three-lobe" => Box::new(move |c, phi, _, a| Wrong {
+            radius: a * (3.0 * (phi - c.c) - phase).cos(),
+            ..Wrong::default()
+        }),
         "c-radial-2x" => {
             let ratio = rng.random_range(0.3..1.0);
             let second: f64 = rng.random_range(0.0..6.0);
-            Box::new(move |c, _, _, a| Wrong { centre: [a * (2.0 * c.c + phase).cos(), a * ratio * (2.0 * c.c + second).sin()], ..Wrong::default() })
+            Box::new(move |c, _, _, a| Wrong {
+                centre: [a * (2.0 * c.c + phase).cos(), a * ratio * (2.0 * c.c + second).sin()],
+                ..Wrong::default()
+            })
         }
         "drift-time" => Box::new(move |c, _, _, a| {
             let s = a * (1.0 - (-c.t / rise).exp());
             Wrong { centre: [cp * s, sp * s], ..Wrong::default() }
         }),
-        "drift-temperature" => Box::new(move |c, _, _, a| Wrong { centre: [a * cp * (c.temp - 22.0), a * sp * (c.temp - 22.0)], ..Wrong::default() }),
+        "drift-temperature" => Box::new(move |c, _, _, a| Wrong {
+            centre: [a * cp * (c.temp - 22.0), a * sp * (c.temp - 22.0)],
+            ..Wrong::default()
+        }),
         _ => Box::new(|c, _, _, a| Wrong { radius: a * (c.temp - 20.0), ..Wrong::default() }),
     }
 }
@@ -192,7 +280,9 @@ fn worth(e: &Effect, captures: &[Capture]) -> f64 {
     let mut shifts = Vec::new();
     let mut rest = Vec::new();
     for c in captures {
-        let r: Vec<f64> = (0..POINTS).map(|k| radial(e, c, k as f64 / n * std::f64::consts::TAU, 1e-6) / 1e-6).collect();
+        let r: Vec<f64> = (0..POINTS)
+            .map(|k| radial(e, c, k as f64 / n * std::f64::consts::TAU, 1e-6) / 1e-6)
+            .collect();
         let phi = |k: usize| k as f64 / n * std::f64::consts::TAU;
         let s: [f64; 2] = [
             2.0 / n * (0..POINTS).map(|k| r[k] * phi(k).cos()).sum::<f64>(),
@@ -222,7 +312,11 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         let at = if truth.names.is_empty() { index } else { rng.random_range(0..NAMES.len()) };
         let name = NAMES[at % NAMES.len()];
         // Nothing turns in the poor plan: what needs C cannot be hidden in it.
-        let name = if sort.poor && ["rod-eccentricity", "c-radial-2x"].contains(&name) { "rod-oval" } else { name };
+        let name = if sort.poor && ["rod-eccentricity", "c-radial-2x"].contains(&name) {
+            "rod-oval"
+        } else {
+            name
+        };
         if !truth.names.contains(&name) {
             truth.names.push(name);
             hidden.push(effect(name, &captures, rng));
@@ -244,7 +338,8 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
     for (k, c) in captures.iter().enumerate() {
         let jitter = [JITTER_MM * gauss(rng), JITTER_MM * gauss(rng)];
         for p in 0..POINTS {
-            let phi = (p as f64 + rng.random_range(-0.3..0.3)) / POINTS as f64 * std::f64::consts::TAU;
+            let phi =
+                (p as f64 + rng.random_range(-0.3..0.3)) / POINTS as f64 * std::f64::consts::TAU;
             let n = [phi.cos(), phi.sin()];
             let rough = [CENTRE[0] + RADIUS * n[0] - c.x, CENTRE[1] + RADIUS * n[1] - c.y];
             let mut w = Wrong::default();
@@ -262,10 +357,17 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
                 let edge = CENTRE[i] + w.centre[i] + jitter[i] + (RADIUS + w.radius + noise) * n[i];
                 edge - [c.x, c.y][i] - w.place[i] + w.seen[i]
             });
-            let (u, v) = (799.5 + FOCAL_PX * at[0] / MM_PER_UNIT, 599.5 - FOCAL_PX * at[1] / MM_PER_UNIT);
+            let (u, v) =
+                (799.5 + FOCAL_PX * at[0] / MM_PER_UNIT, 599.5 - FOCAL_PX * at[1] / MM_PER_UNIT);
             csv += &format!(
                 "{k},{:.6},{:.6},{:.5},{:.2},{:.3},{},{},{u:.5},{v:.5}\n",
-                c.x, c.y, c.c.to_degrees(), c.t, c.temp, c.dir_x, c.dir_y
+                c.x,
+                c.y,
+                c.c.to_degrees(),
+                c.t,
+                c.temp,
+                c.dir_x,
+                c.dir_y
             );
         }
     }
@@ -290,8 +392,14 @@ pub fn read(csv: &str) -> Box<dyn Experiment> {
         cy_px: 599.5,
         distortion: [0.0; 5],
     };
-    let homography_mm = nalgebra::Matrix3::new(MM_PER_UNIT, 0.0, 0.0, 0.0, -MM_PER_UNIT, 0.0, 0.0, 0.0, 1.0);
-    let calibration =
-        Calibration { name: String::new(), mapping: Mapping::Pinhole { lens, homography_mm }, laser: None };
-    Box::new(RodExperiment::from_table(&table, &calibration, None, &mut Vec::new()).expect("good data"))
+    let homography_mm =
+        nalgebra::Matrix3::new(MM_PER_UNIT, 0.0, 0.0, 0.0, -MM_PER_UNIT, 0.0, 0.0, 0.0, 1.0);
+    let calibration = Calibration {
+        name: String::new(),
+        mapping: Mapping::Pinhole { lens, homography_mm },
+        laser: None,
+    };
+    Box::new(
+        RodExperiment::from_table(&table, &calibration, None, &mut Vec::new()).expect("good data"),
+    )
 }

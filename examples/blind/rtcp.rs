@@ -65,9 +65,29 @@ fn plan(sort: &Sort, rng: &mut impl Rng) -> Vec<Row> {
 }
 
 const NAMES: &[&str] = &[
-    "pivot-offset-x", "pivot-length", "b-zero", "b-axis-tilt-x", "b-axis-tilt-z", "c-axis-tilt-x", "c-axis-tilt-y",
-    "c-centre", "b-pitch-error", "c-pitch-error", "b-backlash", "c-backlash", "head-sag", "thermal-growth", "drift-time",
-    "squareness-xy", "squareness-xz", "squareness-yz", "scale-x", "scale-y", "scale-z", "c-radial-2x", "c-axial",
+    "pivot-offset-x",
+    "pivot-length",
+    "b-zero",
+    "b-axis-tilt-x",
+    "b-axis-tilt-z",
+    "c-axis-tilt-x",
+    "c-axis-tilt-y",
+    "c-centre",
+    "b-pitch-error",
+    "c-pitch-error",
+    "b-backlash",
+    "c-backlash",
+    "head-sag",
+    "thermal-growth",
+    "drift-time",
+    "squareness-xy",
+    "squareness-xz",
+    "squareness-yz",
+    "scale-x",
+    "scale-y",
+    "scale-z",
+    "c-radial-2x",
+    "c-axial",
     "target-runout",
 ];
 
@@ -104,8 +124,12 @@ fn effect(name: &str, rows: &[Row], rng: &mut impl Rng) -> Effect {
     let span = rows.last().map_or(1.0, |r| r.t);
     let lean = [gauss(rng), gauss(rng), gauss(rng)];
     match name {
-        "pivot-offset-x" => Box::new(|r, a| minus(minus(head(r.b, DX + a, R), head(r.b, DX, R)), [a, 0.0, 0.0])),
-        "pivot-length" => Box::new(|r, a| minus(minus(head(r.b, DX, R + a), head(r.b, DX, R)), [0.0, 0.0, -a])),
+        "pivot-offset-x" => {
+            Box::new(|r, a| minus(minus(head(r.b, DX + a, R), head(r.b, DX, R)), [a, 0.0, 0.0]))
+        }
+        "pivot-length" => {
+            Box::new(|r, a| minus(minus(head(r.b, DX, R + a), head(r.b, DX, R)), [0.0, 0.0, -a]))
+        }
         "b-zero" => Box::new(|r, a| minus(head(r.b + a / R, DX, R), head(r.b, DX, R))),
         "b-axis-tilt-x" => Box::new(|r, a| {
             // Rotation about the axis (0, cos α, sin α) through the pivot, by Rodrigues' formula.
@@ -126,11 +150,15 @@ fn effect(name: &str, rows: &[Row], rng: &mut impl Rng) -> Effect {
         }),
         "c-centre" => Box::new(move |_, a| [-a * phase.cos(), -a * phase.sin(), 0.0]),
         "b-pitch-error" => Box::new(move |r, a| {
-            let e = a / R * ((order * r.b + phase).sin() + 0.25 * (((order % 4.0) + 1.0) * r.b + phase2).sin());
+            let e = a / R
+                * ((order * r.b + phase).sin()
+                    + 0.25 * (((order % 4.0) + 1.0) * r.b + phase2).sin());
             minus(head(r.b + e, DX, R), head(r.b, DX, R))
         }),
         "c-pitch-error" => Box::new(move |r, a| {
-            let e = a / 80.0 * ((order * r.c + phase).sin() + 0.25 * (((order % 4.0) + 1.0) * r.c + phase2).sin());
+            let e = a / 80.0
+                * ((order * r.c + phase).sin()
+                    + 0.25 * (((order % 4.0) + 1.0) * r.c + phase2).sin());
             minus(turned(r.c), turned(r.c + e))
         }),
         "b-backlash" => Box::new(|r, a| {
@@ -181,7 +209,9 @@ fn effect(name: &str, rows: &[Row], rng: &mut impl Rng) -> Effect {
         "scale-z" => Box::new(|r, a| [0.0, 0.0, place(r)[2] * a / 100.0]),
         "c-radial-2x" => {
             let ratio = rng.random_range(0.3..1.0);
-            Box::new(move |r, a| [-a * (2.0 * r.c + phase).cos(), -a * ratio * (2.0 * r.c + phase2).sin(), 0.0])
+            Box::new(move |r, a| {
+                [-a * (2.0 * r.c + phase).cos(), -a * ratio * (2.0 * r.c + phase2).sin(), 0.0]
+            })
         }
         "c-axial" => {
             let k = order.max(2.0);
@@ -208,12 +238,15 @@ fn stranger(outside: bool, rows: &[Row], rng: &mut impl Rng) -> (&'static str, E
         1 => ("c_deg", Box::new(|r| r.c.to_degrees().rem_euclid(360.0))),
         _ => ("t_s", Box::new(move |r| 360.0 * r.t / span)),
     };
-    let at = if variable == 0 { rng.random_range(-70.0..70.0) } else { rng.random_range(40.0..320.0) };
+    let at =
+        if variable == 0 { rng.random_range(-70.0..70.0) } else { rng.random_range(40.0..320.0) };
     let phase: f64 = rng.random_range(0.0..360.0);
     let shape: Box<dyn Fn(f64) -> f64> = if outside {
         match rng.random_range(0..2u8) {
             0 => Box::new(move |x| ((x + phase) / 47.0).rem_euclid(1.0) - 0.5),
-            _ => Box::new(move |x| if ((x + phase) / 33.0).rem_euclid(1.0) < 0.35 { 1.0 } else { 0.0 }),
+            _ => Box::new(
+                move |x| if ((x + phase) / 33.0).rem_euclid(1.0) < 0.35 { 1.0 } else { 0.0 },
+            ),
         }
     } else {
         match (variable, rng.random_range(0..3u8)) {
@@ -288,7 +321,15 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         let d: [f64; 3] = std::array::from_fn(|i| d[i] - n[i] + NOISE_MM * gauss(rng));
         csv += &format!(
             "{:.6},{:.6},{:.7},{:.7},{:.7},{},{},{:.2},{:.3}\n",
-            r.b.to_degrees(), r.c.to_degrees(), d[0], d[1], d[2], r.dir_b, r.dir_c, r.t, r.temp
+            r.b.to_degrees(),
+            r.c.to_degrees(),
+            d[0],
+            d[1],
+            d[2],
+            r.dir_b,
+            r.dir_c,
+            r.t,
+            r.temp
         );
     }
     Case { csv, noise_mm: None, truth }

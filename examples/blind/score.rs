@@ -84,7 +84,8 @@ impl Tally {
         self.statement += usize::from(report.verdict != Verdict::Consistent);
         let all_in = truth.names.iter().all(|t| classes.iter().any(|c| c.contains(t)));
         let false_name = classes.iter().any(|c| !truth.names.iter().any(|t| c.contains(t)));
-        let same = names.len() == truth.names.len() && truth.names.iter().all(|t| names.contains(t));
+        let same =
+            names.len() == truth.names.len() && truth.names.iter().all(|t| names.contains(t));
         self.exact += usize::from(same && (truth.unknown.is_some() || report.unnamed.is_empty()));
         self.in_class += usize::from(all_in);
         self.false_names += usize::from(false_name);
@@ -100,12 +101,23 @@ impl Tally {
         if before > 0.0 {
             self.closed.push(1.0 - (g.heldout_after_rms_mm.powi(2) - noise2).max(0.0) / before);
         }
-        let wrong = if sort.unknown > 0 { false_name || !all_in } else { !all_in || false_name || (sort.known > 0 && !same) || (sort.known == 0 && report.verdict != Verdict::Consistent) };
+        let wrong = if sort.unknown > 0 {
+            false_name || !all_in
+        } else {
+            !all_in
+                || false_name
+                || (sort.known > 0 && !same)
+                || (sort.known == 0 && report.verdict != Verdict::Consistent)
+        };
         if wrong {
             let found: Vec<String> = classes.iter().map(|c| c.join("|")).collect();
-            let unnamed: Vec<String> =
-                report.unnamed.iter().map(|u| format!("{}/{}/{}", u.output, u.versus, u.shape)).collect();
-            self.verbose.push(format!("    {truth:?} -> {found:?} {unnamed:?} {}", report.verdict.word()));
+            let unnamed: Vec<String> = report
+                .unnamed
+                .iter()
+                .map(|u| format!("{}/{}/{}", u.output, u.versus, u.shape))
+                .collect();
+            self.verbose
+                .push(format!("    {truth:?} -> {found:?} {unnamed:?} {}", report.verdict.word()));
         }
     }
 
@@ -129,7 +141,10 @@ impl Tally {
         parts.push(format!("false names {}", rate(self.false_names, n)));
         if sort.known > 0 && sort.unknown == 0 && !self.closed.is_empty() {
             self.closed.sort_by(f64::total_cmp);
-            parts.push(format!("held-out excess removed {:.1} %", 100.0 * self.closed[self.closed.len() / 2]));
+            parts.push(format!(
+                "held-out excess removed {:.1} %",
+                100.0 * self.closed[self.closed.len() / 2]
+            ));
         }
         println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));
         if std::env::var_os("BLIND_VERBOSE").is_some() {
@@ -144,5 +159,10 @@ fn rate(hits: usize, n: usize) -> String {
     let p = hits as f64 / n;
     let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
     let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
-    format!("{:.1} % [{:.1}, {:.1}]", 100.0 * p, 100.0 * (centre - half).max(0.0), 100.0 * (centre + half).min(1.0))
+    format!(
+        "{:.1} % [{:.1}, {:.1}]",
+        100.0 * p,
+        100.0 * (centre - half).max(0.0),
+        100.0 * (centre + half).min(1.0)
+    )
 }

@@ -167,7 +167,9 @@ impl Calibration {
     /// Width and height of the frames the lens was calibrated for; `None` for a plain scale.
     pub fn lens_size(&self) -> Option<(usize, usize)> {
         match &self.mapping {
-            Mapping::Pinhole { lens, .. } => Some((lens.width_px as usize, lens.height_px as usize)),
+            Mapping::Pinhole { lens, .. } => {
+                Some((lens.width_px as usize, lens.height_px as usize))
+            }
             Mapping::Scale { .. } => None,
         }
     }

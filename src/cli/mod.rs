@@ -1,6 +1,8 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod diagnose;
 mod rtcp;
+mod simulate;
 mod solve;
 
 use std::io::Write;
@@ -50,7 +52,9 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Diagnose(diagnose::Args),
     Rtcp(rtcp::Args),
+    Simulate(simulate::Args),
     Solve(solve::Args),
 }
 
@@ -109,6 +113,8 @@ pub fn run() -> ExitCode {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Diagnose(args) => diagnose::run(args, global),
+        Command::Simulate(args) => simulate::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
         Command::Solve(args) => solve::run(args, global),
     }

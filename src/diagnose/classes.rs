@@ -28,7 +28,9 @@ pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
             let taken: Vec<usize> = f.model.active.iter().map(|a| a.effect).collect();
             let mut best: Vec<Rival> = Vec::new();
             for s in standing.scores(fitter, f, &selection.library) {
-                let Who::Effect(a) = &selection.library.candidates[s.candidate].who else { continue };
+                let Who::Effect(a) = &selection.library.candidates[s.candidate].who else {
+                    continue;
+                };
                 let deficit = own.evidence - s.evidence;
                 if taken.contains(&a.effect) || deficit > RULED_OUT {
                     continue;

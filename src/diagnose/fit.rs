@@ -95,9 +95,7 @@ impl Fitter<'_> {
         let mut free = model.nuisances.clone();
         for a in &model.active {
             let form = &self.experiment.effects()[a.effect].forms[a.form];
-            free.extend(
-                a.values.iter().zip(form).filter(|(_, p)| !p.is_switch()).map(|(v, _)| *v),
-            );
+            free.extend(a.values.iter().zip(form).filter(|(_, p)| !p.is_switch()).map(|(v, _)| *v));
         }
         free.extend(model.extras.iter().flat_map(|e| e.values.iter().copied()));
         free
@@ -239,7 +237,8 @@ impl Fitter<'_> {
 
     fn minimise(&self, model: Model, noise: &Noise, max_steps: usize) -> Model {
         let start = DVector::from_vec(self.free(&model));
-        let options = least_squares::Options { max_steps, relative_step: 1e-7, ..Default::default() };
+        let options =
+            least_squares::Options { max_steps, relative_step: 1e-7, ..Default::default() };
         let solution = least_squares::solve(start, options, |p| {
             let trial = self.with_free(&model, p.as_slice());
             let (residual, tangent) = self.linearise(&trial);

@@ -109,7 +109,9 @@ impl Term {
             }
             Shape::Step(at) => format!("{output} jumps at {variable} = {at:.4}, {size}"),
             Shape::Levels(count) => {
-                format!("{output} depends on {variable} in no simple shape ({count} levels), {size}")
+                format!(
+                    "{output} depends on {variable} in no simple shape ({count} levels), {size}"
+                )
             }
             Shape::Bump(at, width) => {
                 format!("{output} has a bump at {variable} = {at:.4} (width {width:.3}), {size}")

@@ -10,6 +10,8 @@ pub mod holdout;
 pub mod load;
 pub mod model;
 pub mod noise;
+pub mod page;
+pub mod plan;
 pub mod report;
 pub mod run;
 pub mod score;

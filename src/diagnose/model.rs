@@ -15,10 +15,9 @@ pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
         };
         match machine.effects.iter_mut().find(same) {
             Some(old) => add(&mut old.parameters, named),
-            None => machine.effects.push(Effect {
-                name: named.name.clone(),
-                parameters: named.parameters.clone(),
-            }),
+            None => machine
+                .effects
+                .push(Effect { name: named.name.clone(), parameters: named.parameters.clone() }),
         }
     }
     machine

@@ -89,11 +89,8 @@ impl Space {
         for group in &self.groups {
             for (k, &i) in group.rows.iter().enumerate() {
                 let z = group.q.row(k) * &group.r;
-                let shared: f64 = z
-                    .iter()
-                    .zip(&self.components)
-                    .map(|(z, &c)| z * z * noise.ratios[c])
-                    .sum();
+                let shared: f64 =
+                    z.iter().zip(&self.components).map(|(z, &c)| z * z * noise.ratios[c]).sum();
                 sum += noise.sigma_mm[self.classes[i]].powi(2) * (1.0 + shared);
                 count += 1.0;
             }
@@ -236,8 +233,7 @@ impl Space {
             let lost = z.tr_mul(&fixed);
             for (c, &component) in self.components.iter().enumerate() {
                 seen[component] += score[(c, 0)] * score[(c, 0)];
-                expected[component] +=
-                    z.column(c).norm_squared() - lost.row(c).norm_squared();
+                expected[component] += z.column(c).norm_squared() - lost.row(c).norm_squared();
             }
         }
         for (j, ratio) in noise.ratios.iter_mut().enumerate() {
@@ -272,7 +268,8 @@ impl Space {
         let variance: Vec<f64> =
             (0..classes).map(|c| squares[c] * old[c].powi(2) / dof[c].max(0.5)).collect();
         let total_dof: f64 = dof.iter().sum::<f64>().max(0.5);
-        let pooled = variance.iter().zip(&dof).map(|(v, d)| v * d.max(0.0)).sum::<f64>() / total_dof;
+        let pooled =
+            variance.iter().zip(&dof).map(|(v, d)| v * d.max(0.0)).sum::<f64>() / total_dof;
         let differ = (0..classes).any(|a| {
             (0..classes).any(|b| {
                 a != b

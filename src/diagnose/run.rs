@@ -10,9 +10,7 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::noise::Space;
-use crate::diagnose::report::{
-    Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where,
-};
+use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
 use crate::diagnose::score::{Part, contribution};
 use crate::diagnose::select::{Selection, select, without};
 use crate::diagnose::tails::{chi2_quantile, ln_chi2_tail, ln_f_tail};
@@ -78,7 +76,9 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     let (mut fitter, mut selection) = run(&keep);
     for _ in 0..2 {
         let found = find_outliers(&fitter, &selection.fitted, layout);
-        if found.is_empty() || (outliers.len() + found.len()) as f64 > MOST_OUTLIERS * n as f64 + 1.0 {
+        if found.is_empty()
+            || (outliers.len() + found.len()) as f64 > MOST_OUTLIERS * n as f64 + 1.0
+        {
             break;
         }
         for i in found {
@@ -168,7 +168,13 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     let layout = fitter.experiment.layout();
     let f = &s.fitted;
     let named_model = Model {
-        extras: f.model.extras.iter().filter(|e| matches!(e.kind, Extra::Form { .. })).cloned().collect(),
+        extras: f
+            .model
+            .extras
+            .iter()
+            .filter(|e| matches!(e.kind, Extra::Form { .. }))
+            .cloned()
+            .collect(),
         ..f.model.clone()
     };
     let generic_count = f.model.extras.len() - named_model.extras.len();
@@ -309,9 +315,8 @@ fn unnamed(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Unnamed> {
             let Extra::Generic(term) = &e.kind else { return None };
             let amplitude = e.values.iter().map(|v| v * v).sum::<f64>().sqrt();
             let at = offsets[f.model.active.len() + i];
-            let variance = (0..e.values.len())
-                .map(|c| f.covariance[(at + c, at + c)])
-                .fold(0.0, f64::max);
+            let variance =
+                (0..e.values.len()).map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
             Some(Unnamed {
                 output: layout.directions[term.direction].name.into(),
                 versus: layout.variables[term.variable].name.into(),

@@ -215,7 +215,11 @@ pub struct Standing {
 
 impl Standing {
     /// Of a fitted model; `without` leaves out these free parameters and puts their contribution back.
-    pub fn new(fitter: &Fitter, fitted: &Fitted, without: &[(std::ops::Range<usize>, Vec<f64>)]) -> Self {
+    pub fn new(
+        fitter: &Fitter,
+        fitted: &Fitted,
+        without: &[(std::ops::Range<usize>, Vec<f64>)],
+    ) -> Self {
         let kept: Vec<usize> = (0..fitted.tangent.ncols())
             .filter(|c| !without.iter().any(|(range, _)| range.contains(c)))
             .collect();
@@ -231,8 +235,7 @@ impl Standing {
         let used = basis.ncols() as f64;
         let dimensions = fitter.space.dimensions();
         let total: f64 = dimensions.iter().sum();
-        let dof: Vec<f64> =
-            dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
+        let dof: Vec<f64> = dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
         let excess = (white.norm_squared() - dof.iter().sum::<f64>()).max(0.0);
         let fixed = fitter.given_mm.is_some() && fitted.noise.ratios.is_empty();
         Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed }

@@ -71,9 +71,10 @@ impl Selection {
             Who::Extra(_) => false,
         };
         let library = best(
-            standing.scores(fitter, f, &self.library).into_iter().filter(|s| {
-                !taken(s) && s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln()
-            }),
+            standing
+                .scores(fitter, f, &self.library)
+                .into_iter()
+                .filter(|s| !taken(s) && s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln()),
         );
         let generic = best(
             standing
@@ -83,7 +84,9 @@ impl Selection {
         );
         if f.model.active.is_empty() && f.model.extras.is_empty() {
             return match (library, generic) {
-                (Some(l), g) if g.as_ref().is_none_or(|g| l.evidence >= g.evidence - LIBRARY_BONUS) => {
+                (Some(l), g)
+                    if g.as_ref().is_none_or(|g| l.evidence >= g.evidence - LIBRARY_BONUS) =>
+                {
                     Some(self.with_library(&l))
                 }
                 (_, Some(g)) => Some(with_extra(fitter, &f.model, &[], &self.generic, &g)),
@@ -239,7 +242,9 @@ impl Selection {
                 let own = own.map_or(0.0, |s| s.evidence) - SECOND_NAME;
                 let rest = remove_all(&f.model, &[a, b]);
                 for s in standing.scores(fitter, f, &self.library) {
-                    let Who::Effect(c) = &self.library.candidates[s.candidate].who else { continue };
+                    let Who::Effect(c) = &self.library.candidates[s.candidate].who else {
+                        continue;
+                    };
                     let gain = s.evidence - own;
                     if rest.active.iter().any(|r| r.effect == c.effect)
                         || gain < 0.0
@@ -299,8 +304,7 @@ pub fn remove(model: &Model, part: Part) -> Model {
     match part {
         Part::Effect(i) => {
             let gone = next.active.remove(i).effect;
-            next.extras
-                .retain(|e| !matches!(e.kind, Extra::Form { effect, .. } if effect == gone));
+            next.extras.retain(|e| !matches!(e.kind, Extra::Form { effect, .. } if effect == gone));
         }
         Part::Extra(i) => {
             next.extras.remove(i);

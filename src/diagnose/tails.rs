@@ -74,8 +74,7 @@ fn ln_beta_regularised(a: f64, b: f64, x: f64, one_minus_x: f64) -> f64 {
     if one_minus_x <= 0.0 {
         return 0.0;
     }
-    let front =
-        ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b) + a * x.ln() + b * one_minus_x.ln();
+    let front = ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b) + a * x.ln() + b * one_minus_x.ln();
     if x < (a + 1.0) / (a + b + 2.0) {
         (front + beta_fraction(a, b, x).ln() - a.ln()).min(0.0)
     } else {

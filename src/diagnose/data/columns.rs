@@ -67,7 +67,11 @@ pub struct ColumnsExperiment {
 
 impl ColumnsExperiment {
     /// Reads burn test offsets: `height_mm,power_w,b_deg,dx_mm,dy_mm`, optional `t_s,temp_c`.
-    pub fn burn(path: impl AsRef<Path>, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn burn(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let table = Table::read(
             path,
             &["height_mm", "power_w", "b_deg"],
@@ -77,15 +81,33 @@ impl ColumnsExperiment {
     }
 
     /// As [`ColumnsExperiment::burn`], from a table.
-    pub fn burn_table(table: &Table, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn burn_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
         let library = burn::library(&data);
-        Self::new("burn", &["dx_mm", "dy_mm"], table, data, library, Vec::new(), machine, |_, _, _, e| [e.x, e.y], warnings)
+        Self::new(
+            "burn",
+            &["dx_mm", "dy_mm"],
+            table,
+            data,
+            library,
+            Vec::new(),
+            machine,
+            |_, _, _, e| [e.x, e.y],
+            warnings,
+        )
     }
 
     /// Reads thermal errors: `t_s,axis,position_mm,error_mm,screw_c`, `head_1_c..`, optional `ambient_c`.
-    pub fn thermal(path: impl AsRef<Path>, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn thermal(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let table = Table::read(
             path,
             &["t_s", "axis", "position_mm", "screw_c"],
@@ -95,7 +117,11 @@ impl ColumnsExperiment {
     }
 
     /// As [`ColumnsExperiment::thermal`], from a table.
-    pub fn thermal_table(table: &Table, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn thermal_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let mut data = read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
         let sensors = table.names().iter().filter(|n| n.starts_with("head_")).count();
         for k in 1..=sensors {
@@ -114,25 +140,53 @@ impl ColumnsExperiment {
             nuisances.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
             nuisances.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
         }
-        Self::new("thermal", &["error_mm"], table, data, library, nuisances, machine, thermal::predict, warnings)
+        Self::new(
+            "thermal",
+            &["error_mm"],
+            table,
+            data,
+            library,
+            nuisances,
+            machine,
+            thermal::predict,
+            warnings,
+        )
     }
 
     /// Reads ball bar lengths: `b_deg,length_mm`, optional `z_mm,path,dir`.
-    pub fn ballbar(path: impl AsRef<Path>, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn ballbar(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let table =
             Table::read(path, &["b_deg"], &["length_mm", "z_mm", "path", "dir", "t_s", "temp_c"])?;
         Self::ballbar_table(&table, machine, warnings)
     }
 
     /// As [`ColumnsExperiment::ballbar`], from a table.
-    pub fn ballbar_table(table: &Table, machine: &Machine, warnings: &mut Vec<String>) -> Result<Self> {
+    pub fn ballbar_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
         let mut data = read(table, &["b_deg", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
         let nuisances = ballbar::prepare(&mut data, &measured, warnings);
         let library = ballbar::library(&data);
-        Self::new("ballbar", &["length_mm"], table, data, library, nuisances, machine, ballbar::predict, warnings)
+        Self::new(
+            "ballbar",
+            &["length_mm"],
+            table,
+            data,
+            library,
+            nuisances,
+            machine,
+            ballbar::predict,
+            warnings,
+        )
     }
 
     #[allow(clippy::too_many_arguments)]
@@ -195,7 +249,12 @@ fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> La
         })
         .collect();
     if let Some(first) = data.head_c.first() {
-        variables.push(Variable { name: "head_1_c", values: spread(first), angle: false, within: false });
+        variables.push(Variable {
+            name: "head_1_c",
+            values: spread(first),
+            angle: false,
+            within: false,
+        });
     }
     let directions = outputs
         .iter()
@@ -251,9 +310,7 @@ impl Experiment for ColumnsExperiment {
         errors
             .iter()
             .enumerate()
-            .flat_map(|(row, e)| {
-                (self.predict)(&self.data, nuisances, row, *e).into_iter().take(k)
-            })
+            .flat_map(|(row, e)| (self.predict)(&self.data, nuisances, row, *e).into_iter().take(k))
             .collect()
     }
 

@@ -107,14 +107,24 @@ pub fn known_effects<C, E: Clone + Default>(
     let mut known = Vec::new();
     for effect in &machine.effects {
         if !library.infos.iter().any(|i| i.name == effect.name) {
-            warnings.push(format!("the model's effect '{}' does not touch this kind of data", effect.name));
+            warnings.push(format!(
+                "the model's effect '{}' does not touch this kind of data",
+                effect.name
+            ));
             continue;
         }
         let active = library.resolve(&effect.name, &effect.parameters).map_err(|reason| {
-            Error::option(format!("--model: effects '{}'", effect.name), reason, "correct its parameters")
+            Error::option(
+                format!("--model: effects '{}'", effect.name),
+                reason,
+                "correct its parameters",
+            )
         })?;
         if let Some(why) = &library.infos[active.effect].untestable {
-            warnings.push(format!("the model's effect '{}' cannot be predicted here: {why}", effect.name));
+            warnings.push(format!(
+                "the model's effect '{}' cannot be predicted here: {why}",
+                effect.name
+            ));
             continue;
         }
         known.push(active);

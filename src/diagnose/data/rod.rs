@@ -203,7 +203,8 @@ impl RodExperiment {
         });
         let view = calibration.view(width, height)?;
         let sense = machine.map_or(1.0, |m| f64::from(m.c_sense));
-        let place: Vec<Vector2<f64>> = x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect();
+        let place: Vec<Vector2<f64>> =
+            x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect();
         let points: Vec<Vector2<f64>> = (0..table.rows())
             .map(|r| place[capture[r]] + view.to_plane(Vector2::new(u[r], v[r])))
             .collect();
@@ -228,8 +229,7 @@ impl RodExperiment {
             view,
         };
         let values: Vec<f64> = data.points.iter().map(|p| (p - pole).norm()).collect();
-        let spread =
-            values.iter().map(|v| (v - radius).powi(2)).sum::<f64>() / values.len() as f64;
+        let spread = values.iter().map(|v| (v - radius).powi(2)).sum::<f64>() / values.len() as f64;
         if spread.sqrt() > 0.1 * radius {
             warnings.push(format!(
                 "the points scatter by {:.3} mm about a circle of {radius:.3} mm: check that x_mm, y_mm are in \
@@ -243,10 +243,8 @@ impl RodExperiment {
             Some(machine) => known_effects(&library, machine, warnings)?,
             None => Vec::new(),
         };
-        let nuisance = |name: &'static str, start: f64| Parameter {
-            start,
-            ..Parameter::linear(name, 0.01)
-        };
+        let nuisance =
+            |name: &'static str, start: f64| Parameter { start, ..Parameter::linear(name, 0.01) };
         let nuisances = vec![
             nuisance("centre_x_mm", pole.x),
             nuisance("centre_y_mm", pole.y),
@@ -298,8 +296,7 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     let degrees = |a: f64| a.to_degrees().rem_euclid(360.0);
     add("edge_angle_deg", angles.iter().map(|a| degrees(*a)).collect(), true, true);
     if !c_deg.is_empty() {
-        let own =
-            |i: usize| degrees(angles[i] - data.c_rad[data.capture[i]]);
+        let own = |i: usize| degrees(angles[i] - data.c_rad[data.capture[i]]);
         add("rod_angle_deg", (0..points).map(own).collect(), true, true);
     }
     let offset = |i: usize| data.points[i] - data.place[data.capture[i]];

@@ -5,8 +5,8 @@ use std::path::Path;
 use nalgebra::{Rotation3, Vector3};
 
 use crate::diagnose::data::{angle_warning, check_direction, enough, length_warning, need, sites};
-use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::effects::Library;
+use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
 };

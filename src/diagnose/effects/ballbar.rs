@@ -17,11 +17,14 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
     let linked: Vec<f64> = b.iter().map(|b| -2.0 * r * (1.0 - b.cos())).collect();
     let given = data.get("z_mm").to_vec();
     let z = if given.is_empty() {
-        warnings.push("there is no column z_mm: Z is taken as linked to B, 2R (1 - cos B) downwards".into());
+        warnings.push(
+            "there is no column z_mm: Z is taken as linked to B, 2R (1 - cos B) downwards".into(),
+        );
         linked.clone()
     } else {
         // ISO 841 counts Z upwards; the method's own text counts the way down.
-        let fits = |s: f64| given.iter().zip(&linked).map(|(g, l)| (s * g - l).powi(2)).sum::<f64>();
+        let fits =
+            |s: f64| given.iter().zip(&linked).map(|(g, l)| (s * g - l).powi(2)).sum::<f64>();
         let sense = if fits(-1.0) < fits(1.0) { -1.0 } else { 1.0 };
         given.iter().map(|g| sense * g).collect()
     };
@@ -33,7 +36,10 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         let label = if name.is_empty() { String::new() } else { format!("{name}_") };
         // The cup starts where a bar of the mean length ends straight below the tool's first place.
         for (axis, start) in [("x", tool0.x), ("z", tool0.z - length)] {
-            nuisances.push(Parameter { start, ..Parameter::linear(format!("{label}cup_{axis}_mm"), 0.05) });
+            nuisances.push(Parameter {
+                start,
+                ..Parameter::linear(format!("{label}cup_{axis}_mm"), 0.05)
+            });
         }
     }
     nuisances.push(Parameter::linear("bar_mm", 0.05));
@@ -57,7 +63,11 @@ fn tool(data: &Columns, row: usize) -> Vector3<f64> {
 }
 
 /// Adds parameters times a vector function of the row.
-fn term(l: &mut L, parameters: Vec<Parameter>, f: impl Fn(&Columns, &[f64], usize) -> Vector3<f64> + Send + Sync + 'static) {
+fn term(
+    l: &mut L,
+    parameters: Vec<Parameter>,
+    f: impl Fn(&Columns, &[f64], usize) -> Vector3<f64> + Send + Sync + 'static,
+) {
     l.form(parameters, move |data, p, errors| {
         errors.iter_mut().enumerate().for_each(|(row, e)| *e += f(data, p, row));
     });
@@ -73,33 +83,102 @@ fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Columns) -> L {
     let mut l = L::default();
-    let words = |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
+    let words =
+        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     let swing = data.needs(&["b_deg"]);
     let second = "a second path with the cup shifted, or a bar of certified length";
     let one = |name: &'static str, typical: f64| vec![Parameter::linear(name, typical)];
     let turned = |data: &Columns, row: usize, v: Vector3<f64>| {
         Rotation3::from_axis_angle(&Vector3::y_axis(), data.get("b_deg")[row].to_radians()) * v
     };
-    l.effect(words("pivot-offset-x", "the nozzle is off the B axis by ΔX + this (X0B)", "length against B, odd", second), swing.clone());
-    term(&mut l, one("delta_x_mm", 0.02), move |data, p, row| turned(data, row, Vector3::new(p[0], 0.0, 0.0)));
-    l.effect(words("pivot-length", "the B axis is R + this above the nozzle (Z0B)", "length against B, even", second), swing.clone());
-    term(&mut l, one("r_mm", 0.02), move |data, p, row| turned(data, row, Vector3::new(0.0, 0.0, -p[0])));
-    l.effect(words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", second), data.needs(&["z_mm"]));
-    term(&mut l, one("um_per_m", 20.0), |data, p, row| Vector3::new(p[0] * 1e-6 * data.get("z_mm")[row], 0.0, 0.0));
-    let hidden = Some("the bar lies in the plane of the motion: sideways errors do not change its length".to_owned());
+    l.effect(
+        words(
+            "pivot-offset-x",
+            "the nozzle is off the B axis by ΔX + this (X0B)",
+            "length against B, odd",
+            second,
+        ),
+        swing.clone(),
+    );
+    term(&mut l, one("delta_x_mm", 0.02), move |data, p, row| {
+        turned(data, row, Vector3::new(p[0], 0.0, 0.0))
+    });
+    l.effect(
+        words(
+            "pivot-length",
+            "the B axis is R + this above the nozzle (Z0B)",
+            "length against B, even",
+            second,
+        ),
+        swing.clone(),
+    );
+    term(&mut l, one("r_mm", 0.02), move |data, p, row| {
+        turned(data, row, Vector3::new(0.0, 0.0, -p[0]))
+    });
+    l.effect(
+        words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", second),
+        data.needs(&["z_mm"]),
+    );
+    term(&mut l, one("um_per_m", 20.0), |data, p, row| {
+        Vector3::new(p[0] * 1e-6 * data.get("z_mm")[row], 0.0, 0.0)
+    });
+    let hidden = Some(
+        "the bar lies in the plane of the motion: sideways errors do not change its length"
+            .to_owned(),
+    );
     for (name, meaning) in [
         ("b-axis-tilt-x", "the B axis is turned about X (A0B)"),
         ("b-axis-tilt-z", "the B axis is turned about Z (C0B)"),
         ("squareness-yz", "Z is not square to Y (A0Z)"),
     ] {
-        l.effect(words(name, meaning, "length, once the cup is off the plane", second), hidden.clone());
+        l.effect(
+            words(name, meaning, "length, once the cup is off the plane", second),
+            hidden.clone(),
+        );
     }
     let both = "the run in both directions";
-    l.effect(Words { varies_with: &["b_deg"], ..words("b-backlash", "B lags behind by half this width", "difference of the two directions", both) }, data.needs(&["dir"]));
-    term(&mut l, one("width_deg", 0.01), |data, p, row| swung(data, row, -0.5 * data.get("dir")[row] * p[0].to_radians()));
-    l.effect(Words { varies_with: &["z_mm"], ..words("z-backlash", "Z lags behind by half this width", "difference of the two directions", both) }, data.needs(&["dir"]));
-    term(&mut l, one("width_mm", 0.01), |data, p, row| Vector3::new(0.0, 0.0, -0.5 * data.get("dir")[row] * p[0]));
-    l.effect(Words { varies_with: &["b_deg"], ..words("b-pitch-error", "B stands at another angle than it reads, as a function of B (EBB)", "length against B", "B over its whole range in small steps") }, swing);
+    l.effect(
+        Words {
+            varies_with: &["b_deg"],
+            ..words(
+                "b-backlash",
+                "B lags behind by half this width",
+                "difference of the two directions",
+                both,
+            )
+        },
+        data.needs(&["dir"]),
+    );
+    term(&mut l, one("width_deg", 0.01), |data, p, row| {
+        swung(data, row, -0.5 * data.get("dir")[row] * p[0].to_radians())
+    });
+    l.effect(
+        Words {
+            varies_with: &["z_mm"],
+            ..words(
+                "z-backlash",
+                "Z lags behind by half this width",
+                "difference of the two directions",
+                both,
+            )
+        },
+        data.needs(&["dir"]),
+    );
+    term(&mut l, one("width_mm", 0.01), |data, p, row| {
+        Vector3::new(0.0, 0.0, -0.5 * data.get("dir")[row] * p[0])
+    });
+    l.effect(
+        Words {
+            varies_with: &["b_deg"],
+            ..words(
+                "b-pitch-error",
+                "B stands at another angle than it reads, as a function of B (EBB)",
+                "length against B",
+                "B over its whole range in small steps",
+            )
+        },
+        swing,
+    );
     for order in 1..=4u32 {
         let k = f64::from(order);
         let names = [format!("cos{order}_deg"), format!("sin{order}_deg")];
@@ -108,34 +187,73 @@ pub fn library(data: &Columns) -> L {
             swung(data, row, (p[0] * b.cos() + p[1] * b.sin()).to_radians())
         });
     }
-    l.effect(words("scale-z", "Z goes too far (EZZ)", "length against Z", second), data.needs(&["z_mm"]));
-    term(&mut l, one("um_per_m", 20.0), |data, p, row| Vector3::new(0.0, 0.0, p[0] * 1e-6 * data.get("z_mm")[row]));
-    l.effect(words("cyclic-z", "Z goes wrong once per turn of its screw", "length against Z, repeating", "small steps of Z over several pitches"), data.needs(&["z_mm"]));
-    let pitch = Parameter::shape("pitch_mm", &[2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0]);
-    term(&mut l, vec![Parameter::linear("cos_mm", 1e-3), Parameter::linear("sin_mm", 1e-3), pitch], |data, p, row| {
-        let (s, c) = (std::f64::consts::TAU * data.get("z_mm")[row] / p[2]).sin_cos();
-        Vector3::new(0.0, 0.0, p[0] * c + p[1] * s)
+    l.effect(
+        words("scale-z", "Z goes too far (EZZ)", "length against Z", second),
+        data.needs(&["z_mm"]),
+    );
+    term(&mut l, one("um_per_m", 20.0), |data, p, row| {
+        Vector3::new(0.0, 0.0, p[0] * 1e-6 * data.get("z_mm")[row])
     });
-    l.effect(words("servo-mismatch", "one of the two axes runs ahead of the other", "length against the speeds' ratio, changing sign with direction", "the run at two speeds, in both directions"), data.needs(&["dir"]));
+    l.effect(
+        words(
+            "cyclic-z",
+            "Z goes wrong once per turn of its screw",
+            "length against Z, repeating",
+            "small steps of Z over several pitches",
+        ),
+        data.needs(&["z_mm"]),
+    );
+    let pitch = Parameter::shape(
+        "pitch_mm",
+        &[2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0],
+    );
+    term(
+        &mut l,
+        vec![Parameter::linear("cos_mm", 1e-3), Parameter::linear("sin_mm", 1e-3), pitch],
+        |data, p, row| {
+            let (s, c) = (std::f64::consts::TAU * data.get("z_mm")[row] / p[2]).sin_cos();
+            Vector3::new(0.0, 0.0, p[0] * c + p[1] * s)
+        },
+    );
+    l.effect(
+        words(
+            "servo-mismatch",
+            "one of the two axes runs ahead of the other",
+            "length against the speeds' ratio, changing sign with direction",
+            "the run at two speeds, in both directions",
+        ),
+        data.needs(&["dir"]),
+    );
     term(&mut l, one("lead_deg", 0.01), |data, p, row| {
         // A time by which B leads: with B at constant speed, Z's lag is its slope times the lead.
         let b = data.get("b_deg")[row].to_radians();
         let slope = -2.0 * data.head.norm() * b.sin();
         Vector3::new(0.0, 0.0, data.get("dir")[row] * p[0].to_radians() * slope)
     });
-    l.effect(words("thermal-growth", "the head grows longer with temperature, with a lag", "length against temperature", "the run repeated while the machine warms up"), data.needs(&["temp_c"]));
+    l.effect(
+        words(
+            "thermal-growth",
+            "the head grows longer with temperature, with a lag",
+            "length against temperature",
+            "the run repeated while the machine warms up",
+        ),
+        data.needs(&["temp_c"]),
+    );
     term(&mut l, one("mm_per_c", 0.005), move |data, p, row| {
         turned(data, row, Vector3::new(0.0, 0.0, -p[0] * (data.get("temp_c")[row] - 20.0)))
     });
     let (start, end) = data.times_s();
     if end > start {
         let lags: Vec<f64> = [0.05, 0.15, 0.5].iter().map(|f| f * (end - start)).collect();
-        l.form(vec![Parameter::linear("mm_per_c", 0.005), Parameter::shape("lag_s", &lags)], move |data, p, errors| {
-            let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
-            for (row, e) in errors.iter_mut().enumerate() {
-                *e += turned(data, row, Vector3::new(0.0, 0.0, -p[0] * (warm[row] - 20.0)));
-            }
-        });
+        l.form(
+            vec![Parameter::linear("mm_per_c", 0.005), Parameter::shape("lag_s", &lags)],
+            move |data, p, errors| {
+                let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
+                for (row, e) in errors.iter_mut().enumerate() {
+                    *e += turned(data, row, Vector3::new(0.0, 0.0, -p[0] * (warm[row] - 20.0)));
+                }
+            },
+        );
     }
     l
 }

@@ -91,9 +91,7 @@ impl<C, E: Clone + Default> Library<C, E> {
         for (form, list) in self.infos[effect].forms.iter().enumerate() {
             let same = list.len() == parameters.len()
                 && list.iter().all(|p| {
-                    parameters
-                        .get(p.name.as_ref())
-                        .is_some_and(|v| !p.is_switch() || *v == p.start)
+                    parameters.get(p.name.as_ref()).is_some_and(|v| !p.is_switch() || *v == p.start)
                 });
             if same {
                 let values = list.iter().map(|p| parameters[p.name.as_ref()]).collect();

@@ -42,7 +42,12 @@ type L = Library<Rod, CaptureError>;
 
 const SIZE: f64 = 1e-3;
 
-fn words(name: &'static str, meaning: &'static str, evidence: &'static str, best: &'static str) -> Words {
+fn words(
+    name: &'static str,
+    meaning: &'static str,
+    evidence: &'static str,
+    best: &'static str,
+) -> Words {
     Words { name, meaning, evidence, best, varies_with: &[] }
 }
 
@@ -56,39 +61,84 @@ pub fn library(data: &Rod) -> L {
     l
 }
 
-fn camera(l: &mut L, names: &[&'static str], typical: f64, set: impl Fn(&mut CameraError, &[f64]) + Send + Sync + 'static) {
+fn camera(
+    l: &mut L,
+    names: &[&'static str],
+    typical: f64,
+    set: impl Fn(&mut CameraError, &[f64]) + Send + Sync + 'static,
+) {
     let parameters = names.iter().map(|n| Parameter::linear(*n, typical)).collect();
     l.form(parameters, move |_, p, errors| errors.iter_mut().for_each(|e| set(&mut e.camera, p)));
 }
 
 fn camera_effects(l: &mut L, data: &Rod) {
     let off = "the rod in all corners of the frame, with a certified diameter";
-    l.effect(words("pixel-scale", "a pixel is larger than the calibration says", "the rod's apparent place against its place in the frame", off), None);
+    l.effect(
+        words(
+            "pixel-scale",
+            "a pixel is larger than the calibration says",
+            "the rod's apparent place against its place in the frame",
+            off,
+        ),
+        None,
+    );
     camera(l, &["um_per_m"], 300.0, |c, p| {
         c.linear[0][0] += p[0] * 1e-6;
         c.linear[1][1] += p[0] * 1e-6;
     });
-    l.effect(words("pixel-aspect", "pixels are not square", "twice round the edge, fixed to the camera", off), None);
+    l.effect(
+        words(
+            "pixel-aspect",
+            "pixels are not square",
+            "twice round the edge, fixed to the camera",
+            off,
+        ),
+        None,
+    );
     camera(l, &["v_um_per_m"], 300.0, |c, p| c.linear[1][1] += p[0] * 1e-6);
     camera(l, &["um_per_m"], 300.0, |c, p| {
         c.linear[0][0] += 0.5e-6 * p[0];
         c.linear[1][1] -= 0.5e-6 * p[0];
     });
     camera(l, &["u_um_per_m"], 300.0, |c, p| c.linear[0][0] += p[0] * 1e-6);
-    l.effect(words("camera-rotation", "the camera is turned about its axis", "the rod's apparent place across its place in the frame", off), None);
+    l.effect(
+        words(
+            "camera-rotation",
+            "the camera is turned about its axis",
+            "the rod's apparent place across its place in the frame",
+            off,
+        ),
+        None,
+    );
     camera(l, &["angle_deg"], 0.02, |c, p| {
         let a = p[0].to_radians();
         c.linear[0][1] -= a;
         c.linear[1][0] += a;
     });
-    l.effect(words("camera-shear", "the picture's rows and columns are not square to each other", "twice round the edge at 45 degrees", off), None);
+    l.effect(
+        words(
+            "camera-shear",
+            "the picture's rows and columns are not square to each other",
+            "twice round the edge at 45 degrees",
+            off,
+        ),
+        None,
+    );
     camera(l, &["um_per_m"], 300.0, |c, p| c.linear[0][1] += p[0] * 1e-6);
     camera(l, &["both_um_per_m"], 300.0, |c, p| {
         c.linear[0][1] += 0.5e-6 * p[0];
         c.linear[1][0] += 0.5e-6 * p[0];
     });
     camera(l, &["rows_um_per_m"], 300.0, |c, p| c.linear[1][0] += p[0] * 1e-6);
-    l.effect(words("camera-tilt", "the camera looks at the plane at an angle (perspective)", "scale that changes over the frame", off), None);
+    l.effect(
+        words(
+            "camera-tilt",
+            "the camera looks at the plane at an angle (perspective)",
+            "scale that changes over the frame",
+            off,
+        ),
+        None,
+    );
     camera(l, &["u_per_m", "v_per_m"], 0.1, |c, p| {
         c.tilt[0] += p[0] * 1e-3;
         c.tilt[1] += p[1] * 1e-3;
@@ -96,23 +146,63 @@ fn camera_effects(l: &mut L, data: &Rod) {
     let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".to_owned());
     let wide = "the rod's edge out to the frame's corners";
     let lens_words = |l: &mut L, name, meaning, varies_with: &'static [&'static str]| {
-        l.effect(Words { name, meaning, evidence: "towards the frame's corners", best: wide, varies_with }, lens.clone());
+        l.effect(
+            Words {
+                name,
+                meaning,
+                evidence: "towards the frame's corners",
+                best: wide,
+                varies_with,
+            },
+            lens.clone(),
+        );
     };
-    lens_words(l, "lens-radial", "the lens bends lines more than the calibration says (k1)", &["frame_radius_mm"]);
+    lens_words(
+        l,
+        "lens-radial",
+        "the lens bends lines more than the calibration says (k1)",
+        &["frame_radius_mm"],
+    );
     camera(l, &["k1"], 0.01, |c, p| c.lens[0] += p[0]);
-    lens_words(l, "lens-radial-5", "the lens' fifth-order distortion is off (k2)", &["frame_radius_mm"]);
+    lens_words(
+        l,
+        "lens-radial-5",
+        "the lens' fifth-order distortion is off (k2)",
+        &["frame_radius_mm"],
+    );
     camera(l, &["k2"], 0.1, |c, p| c.lens[1] += p[0]);
-    lens_words(l, "lens-decentring", "the lens' elements are off their axis (p1, p2)", &["frame_radius_mm"]);
+    lens_words(
+        l,
+        "lens-decentring",
+        "the lens' elements are off their axis (p1, p2)",
+        &["frame_radius_mm"],
+    );
     camera(l, &["p1", "p2"], 1e-3, |c, p| {
         c.lens[2] += p[0];
         c.lens[3] += p[1];
     });
-    l.effect(words("edge-bias-light", "the edge is seen further out where the light is stronger", "the apparent radius against the place in the frame", "the lamp turned by 180 degrees"), None);
+    l.effect(
+        words(
+            "edge-bias-light",
+            "the edge is seen further out where the light is stronger",
+            "the apparent radius against the place in the frame",
+            "the lamp turned by 180 degrees",
+        ),
+        None,
+    );
     camera(l, &["u_um_per_mm", "v_um_per_mm"], 0.1, |c, p| {
         c.light[0] += p[0] * 1e-3;
         c.light[1] += p[1] * 1e-3;
     });
-    l.effect(words("shutter-skew", "rows are exposed one after another while the axis still moves", "a shear that changes sign with the direction of travel", "each place approached from both sides; a longer wait"), data.needs(&["dir_x"]).filter(|_| data.needs(&["dir_y"]).is_some()));
+    l.effect(
+        words(
+            "shutter-skew",
+            "rows are exposed one after another while the axis still moves",
+            "a shear that changes sign with the direction of travel",
+            "each place approached from both sides; a longer wait",
+        ),
+        data.needs(&["dir_x"]).filter(|_| data.needs(&["dir_y"]).is_some()),
+    );
     for axes in [[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]] {
         let name = match axes {
             [_, 0.0] => "x_um_per_mm",
@@ -132,24 +222,49 @@ fn camera_effects(l: &mut L, data: &Rod) {
 
 fn axis_effects(l: &mut L, data: &Rod) {
     let long = "a longer artefact: the travel over a rod is short";
-    for (axis, (name, meaning)) in [("scale-x", "X goes too far (EXX)"), ("scale-y", "Y goes too far (EYY)")].into_iter().enumerate() {
-        l.effect(words(name, meaning, "the rod's apparent place against the machine's", long), data.needs(&[["x_mm", "y_mm"][axis]]));
+    for (axis, (name, meaning)) in
+        [("scale-x", "X goes too far (EXX)"), ("scale-y", "Y goes too far (EYY)")]
+            .into_iter()
+            .enumerate()
+    {
+        l.effect(
+            words(name, meaning, "the rod's apparent place against the machine's", long),
+            data.needs(&[["x_mm", "y_mm"][axis]]),
+        );
         l.form(vec![Parameter::linear("um_per_m", 20.0)], move |data, p, errors| {
             for (e, place) in errors.iter_mut().zip(&data.place) {
                 e.place[axis] += p[0] * 1e-6 * place[axis];
             }
         });
     }
-    l.effect(words("squareness-xy", "Y is not square to X (C0Y)", "x against the machine's Y", long), data.needs(&["y_mm"]));
+    l.effect(
+        words("squareness-xy", "Y is not square to X (C0Y)", "x against the machine's Y", long),
+        data.needs(&["y_mm"]),
+    );
     l.form(vec![Parameter::linear("um_per_m", 20.0)], |data, p, errors| {
         for (e, place) in errors.iter_mut().zip(&data.place) {
             e.place.x -= p[0] * 1e-6 * place.y;
         }
     });
     let both = "each place approached from both sides";
-    for (axis, (name, column, meaning)) in [("backlash-x", "dir_x", "X lags behind by half this width"), ("backlash-y", "dir_y", "Y lags behind by half this width")].into_iter().enumerate() {
+    for (axis, (name, column, meaning)) in [
+        ("backlash-x", "dir_x", "X lags behind by half this width"),
+        ("backlash-y", "dir_y", "Y lags behind by half this width"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
         let varies_with = [&["x_mm", "t_s"][..], &["y_mm", "t_s"]][axis];
-        l.effect(Words { name, meaning, evidence: "the two directions of travel", best: both, varies_with }, data.needs(&[column]));
+        l.effect(
+            Words {
+                name,
+                meaning,
+                evidence: "the two directions of travel",
+                best: both,
+                varies_with,
+            },
+            data.needs(&[column]),
+        );
         l.form(vec![Parameter::linear("width_mm", 0.01)], move |data, p, errors| {
             for (g, e) in errors.iter_mut().enumerate() {
                 let dir = [&data.dir_x, &data.dir_y][axis].get(g).copied().unwrap_or(0.0);
@@ -157,21 +272,36 @@ fn axis_effects(l: &mut L, data: &Rod) {
             }
         });
     }
-    for (axis, (name, column)) in [("cyclic-x", "x_mm"), ("cyclic-y", "y_mm")].into_iter().enumerate() {
-        l.effect(words(name, "the axis goes wrong once per turn of its screw", "the rod's apparent place against the machine's, repeating", "places spread over several screw pitches"), data.needs(&[column]));
+    for (axis, (name, column)) in
+        [("cyclic-x", "x_mm"), ("cyclic-y", "y_mm")].into_iter().enumerate()
+    {
+        l.effect(
+            words(
+                name,
+                "the axis goes wrong once per turn of its screw",
+                "the rod's apparent place against the machine's, repeating",
+                "places spread over several screw pitches",
+            ),
+            data.needs(&[column]),
+        );
         let travel = data.travel_mm(axis);
         // A pitch much longer than the travel is no cycle; one shorter than the places' spacing cannot be told.
-        let pitches: Vec<f64> = [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0]
-            .into_iter()
-            .filter(|p| *p < 2.0 * travel)
-            .collect();
+        let pitches: Vec<f64> =
+            [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0]
+                .into_iter()
+                .filter(|p| *p < 2.0 * travel)
+                .collect();
         if pitches.is_empty() {
             if let Some(info) = l.infos.last_mut() {
                 info.untestable = Some("the travel is shorter than half a screw pitch".into());
             }
             continue;
         }
-        let parameters = vec![Parameter::linear("cos_mm", SIZE), Parameter::linear("sin_mm", SIZE), Parameter::shape("pitch_mm", &pitches)];
+        let parameters = vec![
+            Parameter::linear("cos_mm", SIZE),
+            Parameter::linear("sin_mm", SIZE),
+            Parameter::shape("pitch_mm", &pitches),
+        ];
         l.form(parameters, move |data, p, errors| {
             for (e, place) in errors.iter_mut().zip(&data.place) {
                 let (s, c) = (std::f64::consts::TAU * place[axis] / p[2]).sin_cos();
@@ -184,22 +314,55 @@ fn axis_effects(l: &mut L, data: &Rod) {
 fn rod_effects(l: &mut L, data: &Rod) {
     let turns = data.needs(&["c_deg"]);
     let irregular = "seven or more irregular C angles in random order";
-    l.effect(words("rod-eccentricity", "the rod stands off the C axis", "the centre, once a turn of C", irregular), turns.clone());
-    l.form(vec![Parameter::linear("x_mm", 0.01), Parameter::linear("y_mm", 0.01)], |data, p, errors| {
-        for (e, c) in errors.iter_mut().zip(&data.c_rad) {
-            let (s, c) = c.sin_cos();
-            e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
-        }
-    });
-    for (name, order, meaning) in [("rod-oval", 2.0, "the rod is oval: two lobes that turn with C"), ("rod-three-lobe", 3.0, "the rod has three lobes that turn with C")] {
-        l.effect(words(name, meaning, "the radius round the edge, turning with C", irregular), None);
-        l.form(vec![Parameter::linear("cos_mm", SIZE), Parameter::linear("sin_mm", SIZE)], move |_, p, errors| {
-            errors.iter_mut().for_each(|e| e.lobes.push((order, p[0], p[1])));
-        });
+    l.effect(
+        words(
+            "rod-eccentricity",
+            "the rod stands off the C axis",
+            "the centre, once a turn of C",
+            irregular,
+        ),
+        turns.clone(),
+    );
+    l.form(
+        vec![Parameter::linear("x_mm", 0.01), Parameter::linear("y_mm", 0.01)],
+        |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+                let (s, c) = c.sin_cos();
+                e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
+            }
+        },
+    );
+    for (name, order, meaning) in [
+        ("rod-oval", 2.0, "the rod is oval: two lobes that turn with C"),
+        ("rod-three-lobe", 3.0, "the rod has three lobes that turn with C"),
+    ] {
+        l.effect(
+            words(name, meaning, "the radius round the edge, turning with C", irregular),
+            None,
+        );
+        l.form(
+            vec![Parameter::linear("cos_mm", SIZE), Parameter::linear("sin_mm", SIZE)],
+            move |_, p, errors| {
+                errors.iter_mut().for_each(|e| e.lobes.push((order, p[0], p[1])));
+            },
+        );
     }
-    l.effect(Words { varies_with: &["c_deg"], ..words("c-radial-2x", "the C axis moves sideways twice a turn (EXC, EYC)", "the centre, twice a turn of C", irregular) }, turns);
+    l.effect(
+        Words {
+            varies_with: &["c_deg"],
+            ..words(
+                "c-radial-2x",
+                "the C axis moves sideways twice a turn (EXC, EYC)",
+                "the centre, twice a turn of C",
+                irregular,
+            )
+        },
+        turns,
+    );
     let names = [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]];
-    let linear = |names: &[&'static str]| names.iter().map(|n| Parameter::linear(*n, SIZE)).collect::<Vec<_>>();
+    let linear = |names: &[&'static str]| {
+        names.iter().map(|n| Parameter::linear(*n, SIZE)).collect::<Vec<_>>()
+    };
     let twice = |c: f64, p: &[f64]| p[0] * (2.0 * c).cos() + p[1] * (2.0 * c).sin();
     l.form(linear(&names.concat()), move |data, p, errors| {
         for (e, c) in errors.iter_mut().zip(&data.c_rad) {
@@ -207,7 +370,11 @@ fn rod_effects(l: &mut L, data: &Rod) {
         }
     });
     for sense in [1.0, -1.0] {
-        let names = if sense > 0.0 { ["turn_cos_mm", "turn_sin_mm"] } else { ["back_cos_mm", "back_sin_mm"] };
+        let names = if sense > 0.0 {
+            ["turn_cos_mm", "turn_sin_mm"]
+        } else {
+            ["back_cos_mm", "back_sin_mm"]
+        };
         l.form(linear(&names), move |data, p, errors| {
             for (e, c) in errors.iter_mut().zip(&data.c_rad) {
                 let (s, c) = (2.0 * c).sin_cos();
@@ -226,34 +393,65 @@ fn rod_effects(l: &mut L, data: &Rod) {
 }
 
 fn time_effects(l: &mut L, data: &Rod) {
-    l.effect(Words { varies_with: &["t_s"], ..words("drift-time", "the rod moves against the head as time goes by", "the centre against time", "one place repeated through the run, captures in random order") }, data.needs(&["t_s"]));
+    l.effect(
+        Words {
+            varies_with: &["t_s"],
+            ..words(
+                "drift-time",
+                "the rod moves against the head as time goes by",
+                "the centre against time",
+                "one place repeated through the run, captures in random order",
+            )
+        },
+        data.needs(&["t_s"]),
+    );
     let span = data.duration_s();
     let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * span).collect();
     for saturating in [false, true] {
         for axes in [&[0, 1][..], &[0], &[1]] {
             let unit = if saturating { "mm" } else { "mm_per_h" };
-            let mut parameters: Vec<Parameter> =
-                axes.iter().map(|a| Parameter::linear(format!("{}_{unit}", ["x", "y"][*a]), 0.01)).collect();
+            let mut parameters: Vec<Parameter> = axes
+                .iter()
+                .map(|a| Parameter::linear(format!("{}_{unit}", ["x", "y"][*a]), 0.01))
+                .collect();
             if saturating {
                 parameters.push(Parameter::shape("rise_s", &rises));
             }
             l.form(parameters, move |data, p, errors| {
                 let start = data.start_s();
                 for (e, t) in errors.iter_mut().zip(&data.t_s) {
-                    let size = if saturating { 1.0 - (-(t - start) / p[axes.len()].abs().max(1e-3)).exp() } else { (t - start) / 3600.0 };
+                    let size = if saturating {
+                        1.0 - (-(t - start) / p[axes.len()].abs().max(1e-3)).exp()
+                    } else {
+                        (t - start) / 3600.0
+                    };
                     axes.iter().enumerate().for_each(|(k, a)| e.centre[*a] += p[k] * size);
                 }
             });
         }
     }
     let lags: Vec<f64> = [0.05, 0.12, 0.3, 0.7].iter().map(|f| f * span).collect();
-    l.effect(Words { varies_with: &["temp_c"], ..words("drift-temperature", "the rod moves against the head with temperature", "the centre against temperature", "one place repeated while the machine warms up and cools down") }, data.needs(&["temp_c"]));
+    l.effect(
+        Words {
+            varies_with: &["temp_c"],
+            ..words(
+                "drift-temperature",
+                "the rod moves against the head with temperature",
+                "the centre against temperature",
+                "one place repeated while the machine warms up and cools down",
+            )
+        },
+        data.needs(&["temp_c"]),
+    );
     for lag in [false, true] {
         if lag && span <= 0.0 {
             continue;
         }
         for axes in [&[0, 1][..], &[0], &[1]] {
-            let mut parameters: Vec<Parameter> = axes.iter().map(|a| Parameter::linear(format!("{}_mm_per_c", ["x", "y"][*a]), SIZE)).collect();
+            let mut parameters: Vec<Parameter> = axes
+                .iter()
+                .map(|a| Parameter::linear(format!("{}_mm_per_c", ["x", "y"][*a]), SIZE))
+                .collect();
             if lag {
                 parameters.push(Parameter::shape("lag_s", &lags));
             }
@@ -265,7 +463,18 @@ fn time_effects(l: &mut L, data: &Rod) {
             });
         }
     }
-    l.effect(Words { varies_with: &["temp_c"], ..words("rod-growth", "the rod grows thicker with temperature", "the radius against temperature", "a wide span of temperatures") }, data.needs(&["temp_c"]));
+    l.effect(
+        Words {
+            varies_with: &["temp_c"],
+            ..words(
+                "rod-growth",
+                "the rod grows thicker with temperature",
+                "the radius against temperature",
+                "a wide span of temperatures",
+            )
+        },
+        data.needs(&["temp_c"]),
+    );
     for lag in [false, true] {
         if lag && span <= 0.0 {
             continue;
@@ -285,7 +494,9 @@ impl Rod {
     /// The temperature, lagged where a lag is given.
     fn warmth(&self, lag_s: Option<f64>) -> Vec<f64> {
         match lag_s {
-            Some(lag) if !self.t_s.is_empty() => lagged(&self.t_s, &self.temp_c, lag.abs().max(1e-3)),
+            Some(lag) if !self.t_s.is_empty() => {
+                lagged(&self.t_s, &self.temp_c, lag.abs().max(1e-3))
+            }
             _ => self.temp_c.clone(),
         }
     }

@@ -135,29 +135,55 @@ pub fn library(data: &Rtcp) -> L {
 
 fn head_effects(l: &mut L, data: &Rtcp) {
     let moves = data.needs(&["b_deg"]);
-    let words = |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
+    let words =
+        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     l.effect(
-        words("pivot-offset-x", "the nozzle is off the B axis by ΔX + this", "dz against sin B", "B from -90 to +90 at one C"),
+        words(
+            "pivot-offset-x",
+            "the nozzle is off the B axis by ΔX + this",
+            "dz against sin B",
+            "B from -90 to +90 at one C",
+        ),
         moves.clone(),
     );
     head(l, length("delta_x_mm"), true, |e, v| e.dx += v);
     l.effect(
-        words("pivot-length", "the B axis is R + this above the nozzle", "dx against sin B", "B from -90 to +90 at one C"),
+        words(
+            "pivot-length",
+            "the B axis is R + this above the nozzle",
+            "dx against sin B",
+            "B from -90 to +90 at one C",
+        ),
         moves.clone(),
     );
     head(l, length("r_mm"), true, |e, v| e.dr += v);
     l.effect(
-        words("b-zero", "B reads zero where it is not", "dx at all B", "two very different tool lengths; a burn test"),
+        words(
+            "b-zero",
+            "B reads zero where it is not",
+            "dx at all B",
+            "two very different tool lengths; a burn test",
+        ),
         None,
     );
     head(l, angle("angle_deg"), false, |e, v| e.b += v.to_radians());
     l.effect(
-        words("b-axis-tilt-x", "the B axis is turned about X (A0B)", "dy against cos B", "B from -90 to +90 at one C"),
+        words(
+            "b-axis-tilt-x",
+            "the B axis is turned about X (A0B)",
+            "dy against cos B",
+            "B from -90 to +90 at one C",
+        ),
         moves.clone(),
     );
     head(l, angle("tilt_deg"), true, |e, v| e.tilt_x += v.to_radians());
     l.effect(
-        words("b-axis-tilt-z", "the B axis is turned about Z (C0B)", "dy against sin B", "B from -90 to +90 at one C"),
+        words(
+            "b-axis-tilt-z",
+            "the B axis is turned about Z (C0B)",
+            "dy against sin B",
+            "B from -90 to +90 at one C",
+        ),
         moves.clone(),
     );
     head(l, angle("tilt_deg"), true, |e, v| e.tilt_z += v.to_radians());
@@ -228,23 +254,39 @@ fn head_effects(l: &mut L, data: &Rtcp) {
 
 fn table_effects(l: &mut L, data: &Rtcp) {
     let turns = data.needs(&["c_deg"]);
-    let words = |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
+    let words =
+        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     l.effect(
-        words("c-axis-tilt-x", "the C axis is turned about X (A0C)", "dz against C, and dy", "C all round with the target far out"),
+        words(
+            "c-axis-tilt-x",
+            "the C axis is turned about X (A0C)",
+            "dz against C, and dy",
+            "C all round with the target far out",
+        ),
         turns.clone(),
     );
     l.form(vec![angle("tilt_deg")], |_, p, errors| {
         errors.iter_mut().for_each(|e| e.tilt_cx += p[0].to_radians());
     });
     l.effect(
-        words("c-axis-tilt-y", "the C axis is turned about Y (B0C)", "dz against C, and dx", "C all round with the target far out"),
+        words(
+            "c-axis-tilt-y",
+            "the C axis is turned about Y (B0C)",
+            "dz against C, and dx",
+            "C all round with the target far out",
+        ),
         turns.clone(),
     );
     l.form(vec![angle("tilt_deg")], |_, p, errors| {
         errors.iter_mut().for_each(|e| e.tilt_cy += p[0].to_radians());
     });
     l.effect(
-        words("c-centre", "the C axis is elsewhere (X0C, Y0C)", "mean of dx and dy over C", "C all round: the target's place turns, the centre does not"),
+        words(
+            "c-centre",
+            "the C axis is elsewhere (X0C, Y0C)",
+            "mean of dx and dy over C",
+            "C all round: the target's place turns, the centre does not",
+        ),
         turns.clone(),
     );
     l.form(vec![length("x_mm"), length("y_mm")], |_, p, errors| {
@@ -293,9 +335,20 @@ fn table_effects(l: &mut L, data: &Rtcp) {
 
 /// Error motions of the C axis, two cycles a turn and up, and the target's run-out.
 fn c_motion(l: &mut L, turns: Option<String>) {
-    let words = |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &["c_deg"] };
+    let words = |name, meaning, evidence, best| Words {
+        name,
+        meaning,
+        evidence,
+        best,
+        varies_with: &["c_deg"],
+    };
     l.effect(
-        words("c-radial-2x", "the C axis moves sideways twice a turn (EXC, EYC)", "dx and dy against 2C", "seven or more irregular C angles"),
+        words(
+            "c-radial-2x",
+            "the C axis moves sideways twice a turn (EXC, EYC)",
+            "dx and dy against 2C",
+            "seven or more irregular C angles",
+        ),
         turns.clone(),
     );
     let four = ["x_cos_mm", "x_sin_mm", "y_cos_mm", "y_sin_mm"].map(length).to_vec();
@@ -306,7 +359,11 @@ fn c_motion(l: &mut L, turns: Option<String>) {
         }
     });
     for sense in [1.0, -1.0] {
-        let name = if sense > 0.0 { ["turn_cos_mm", "turn_sin_mm"] } else { ["back_cos_mm", "back_sin_mm"] };
+        let name = if sense > 0.0 {
+            ["turn_cos_mm", "turn_sin_mm"]
+        } else {
+            ["back_cos_mm", "back_sin_mm"]
+        };
         l.form(name.map(length).to_vec(), move |data, p, errors| {
             for (e, c) in errors.iter_mut().zip(&data.c_deg) {
                 let (s, c) = (2.0 * c.to_radians()).sin_cos();
@@ -315,7 +372,9 @@ fn c_motion(l: &mut L, turns: Option<String>) {
             }
         });
     }
-    for (axis, names) in [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]].into_iter().enumerate() {
+    for (axis, names) in
+        [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]].into_iter().enumerate()
+    {
         l.form(names.map(length).to_vec(), move |data, p, errors| {
             for (e, c) in errors.iter_mut().zip(&data.c_deg) {
                 e.c_shift[axis] += fourier(&[2], p, c.to_radians());
@@ -323,7 +382,12 @@ fn c_motion(l: &mut L, turns: Option<String>) {
         });
     }
     l.effect(
-        words("c-axial", "the C axis moves up and down as it turns (EZC)", "dz against 2C, 3C, 4C", "seven or more irregular C angles"),
+        words(
+            "c-axial",
+            "the C axis moves up and down as it turns (EZC)",
+            "dz against 2C, 3C, 4C",
+            "seven or more irregular C angles",
+        ),
         turns.clone(),
     );
     for orders in [&[2][..], &[3], &[4], &[1], &[2, 3, 4]] {
@@ -334,7 +398,12 @@ fn c_motion(l: &mut L, turns: Option<String>) {
         });
     }
     l.effect(
-        words("target-runout", "the target runs out as the table turns, beyond its place", "dx and dy against C, turning backwards", "the target indicated in place; a second target"),
+        words(
+            "target-runout",
+            "the target runs out as the table turns, beyond its place",
+            "dx and dy against C, turning backwards",
+            "the target indicated in place; a second target",
+        ),
         turns,
     );
     l.form(vec![length("cos_mm"), length("sin_mm")], |data, p, errors| {
