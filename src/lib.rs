@@ -4,19 +4,24 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+pub mod ballbar;
 pub mod camera;
 pub mod cli;
 pub mod diagnose;
 pub mod edge;
 pub mod error;
+pub mod find;
 pub mod fit;
 pub mod frame;
 pub mod machine;
 pub mod measure;
 pub mod output;
 pub mod plot;
+pub mod render;
+pub mod rotary;
 pub mod rtcp;
 pub mod table;
+pub mod thermal;
 pub mod tomlfile;
 pub mod uncertainty;
 

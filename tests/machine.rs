@@ -211,6 +211,40 @@ fn singular_poses_are_named_and_limits_kept() {
 }
 
 #[test]
+fn next_to_a_singular_direction_the_pose_is_still_held() {
+    for order in ["w C b X Y Z B t", "w C A b X Y Z t", "w b X Y Z C B t"] {
+        let mut machine = cell();
+        machine.kinematics.order = order.into();
+        let chain = machine.chain().unwrap();
+        for exponent in 0..=16 {
+            let lean = 10f64.powi(-exponent);
+            for direction in
+                [Vector3::new(lean, -0.3 * lean, 1.0), Vector3::new(0.2 * lean, lean, -1.0)]
+            {
+                let pose = ToolPose {
+                    position_mm: Vector3::new(50.0, -20.0, 30.0),
+                    direction: direction.normalize(),
+                };
+                let solutions = chain.inverse(&pose, &[0.0; 5]);
+                assert!(!solutions.is_empty(), "{order} {lean}");
+                for s in solutions {
+                    let back = chain.forward(&s.joints);
+                    assert!(
+                        (back.position_mm - pose.position_mm).norm() < 1e-9,
+                        "{order} {lean} {s:?}"
+                    );
+                    // What is called singular is within 1e-7 rad of it.
+                    assert!(
+                        (back.direction - pose.direction).norm() < 1.1e-7,
+                        "{order} {lean} {s:?}"
+                    );
+                }
+            }
+        }
+    }
+}
+
+#[test]
 fn the_machine_file_goes_round_and_refuses_what_it_does_not_know() {
     let text = r#"
 schema = 1
@@ -252,6 +286,7 @@ parameters = { width_deg = 0.0042 }
         ("r_mm = 214.7", "r_mm = nan", "head"),
         ("limits_deg = [-110.0, 110.0]", "limits_deg = [110.0, -110.0]", "axes.B: limits"),
         ("[axes.B]", "[axes.C]", "give c_sense"),
+        ("[axes.B]", "[kinematics]\norder = \"w b X Y Z C B t\"\n[axes.B]", "c_sense: is for a C"),
         ("[axes.B]", "[axes.A]", "no axis for the section [axes.A]"),
         ("[axes.B]", "[kinematics]\norder = \"w C b X Y Z t\"\n[axes.B]", "five axes"),
     ] {
@@ -322,6 +357,46 @@ fn a_real_controls_joint_positions_are_reproduced() {
 }
 
 #[test]
+fn the_machine_command_lists_the_axes_and_draws_the_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, figure) = (folder.path().join("machine.toml"), folder.path().join("frames.svg"));
+    std::fs::write(&machine, cell().to_toml()).unwrap();
+    let command = Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(["machine", "--format", "json"])
+        .arg(&machine)
+        .arg("--figure")
+        .arg(&figure)
+        .assert()
+        .success();
+    let json: serde_json::Value = serde_json::from_slice(&command.get_output().stdout).unwrap();
+    let names: String =
+        json["axes"].as_array().unwrap().iter().map(|a| a["name"].as_str().unwrap()).collect();
+    assert_eq!(names, "CXYZB");
+    assert!(std::fs::read_to_string(figure).unwrap().contains("ΔX +0.2830"));
+}
+
+#[test]
+fn a_tool_direction_gives_all_solutions_and_names_the_singular_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, poses) = (folder.path().join("machine.toml"), folder.path().join("poses.csv"));
+    std::fs::write(&machine, cell().to_toml() + "[axes.B]\nlimits_deg = [-100.0, 45.0]\n").unwrap();
+    std::fs::write(&poses, "x_mm,y_mm,z_mm,i,j,k\n5,6,7,0.866025403784,0,0.5\n5,6,7,0,0,1\n")
+        .unwrap();
+    let out = rtcp("inverse", &machine, &poses);
+    let rows: Vec<Vec<&str>> = out.lines().map(|l| l.split(',').collect()).collect();
+    assert_eq!(
+        rows[0],
+        "pose,solution,jx_mm,jy_mm,jz_mm,b_deg,c_deg,note".split(',').collect::<Vec<_>>()
+    );
+    let b: Vec<f64> = rows[1..].iter().map(|r| r[5].parse().unwrap()).collect();
+    assert!((b[0] + 60.0).abs() < 1e-6 && (b[1] - 60.0).abs() < 1e-6 && b[2] == 0.0, "{out}");
+    assert_eq!(rows[2][7], "B outside its limits");
+    assert_eq!(rows[3][7], "tool along C: C is free");
+    assert_eq!(rows.len(), 4, "{out}");
+}
+
+#[test]
 fn bad_poses_are_refused_by_line_and_column() {
     let folder = tempfile::tempdir().unwrap();
     let machine = folder.path().join("machine.toml");
@@ -331,6 +406,8 @@ fn bad_poses_are_refused_by_line_and_column() {
         ("x_mm,y_mm,z_mm,b_deg,c_rad\n1,2,3,4,5\n", "column 'c_rad': is not known"),
         ("x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,NaN,4,5\n", ":2: column 'z_mm'"),
         ("", "is empty"),
+        ("x_mm,y_mm,z_mm,i,j,k\n1,2,3,0,0,0\n", "all zero"),
+        ("x_mm,y_mm,z_mm,i,j,k,b_deg\n1,2,3,0,0,1,5\n", "column 'b_deg': does not go"),
     ] {
         let poses = folder.path().join("poses.csv");
         std::fs::write(&poses, text).unwrap();

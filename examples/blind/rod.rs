@@ -229,11 +229,14 @@ fn effect(name: &str, captures: &[Capture], rng: &mut impl Rng) -> Effect {
     }
 }
 
+/// A variable as it is read from the plan.
+type Reading = Box<dyn Fn(&Capture, f64) -> f64>;
+
 fn stranger(outside: bool, captures: &[Capture], rng: &mut impl Rng) -> (&'static str, Effect) {
     let output = rng.random_range(0..3usize);
     let span = captures.last().map_or(1.0, |c| c.t);
     let variable = rng.random_range(0..3u8);
-    let (name, get): (&'static str, Box<dyn Fn(&Capture, f64) -> f64>) = match variable {
+    let (name, get): (&'static str, Reading) = match variable {
         0 => ("c_deg", Box::new(|c, _| c.c.to_degrees().rem_euclid(360.0))),
         1 => ("t_s", Box::new(move |c, _| 360.0 * c.t / span)),
         _ => ("rod_angle_deg", Box::new(|c, phi| (phi - c.c).to_degrees().rem_euclid(360.0))),

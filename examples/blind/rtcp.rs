@@ -228,12 +228,15 @@ fn rodrigues(n: [f64; 3], angle: f64, v: [f64; 3]) -> [f64; 3] {
     std::array::from_fn(|i| v[i] * c + cross[i] * s + n[i] * dot * (1.0 - c))
 }
 
+/// A variable as it is read from the plan.
+type Reading = Box<dyn Fn(&Row) -> f64>;
+
 /// An effect in no library: one output, one variable.
 fn stranger(outside: bool, rows: &[Row], rng: &mut impl Rng) -> (&'static str, Effect) {
     let output = rng.random_range(0..3usize);
     let variable = rng.random_range(0..3u8);
     let span = rows.last().map_or(1.0, |r| r.t);
-    let (name, get): (&'static str, Box<dyn Fn(&Row) -> f64>) = match variable {
+    let (name, get): (&'static str, Reading) = match variable {
         0 => ("b_deg", Box::new(|r| r.b.to_degrees())),
         1 => ("c_deg", Box::new(|r| r.c.to_degrees().rem_euclid(360.0))),
         _ => ("t_s", Box::new(move |r| 360.0 * r.t / span)),

@@ -1,9 +1,16 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod ballbar;
 mod diagnose;
+mod export;
+mod machine;
+mod render;
+mod rotary;
 mod rtcp;
 mod simulate;
 mod solve;
+mod thermal;
+mod verify;
 
 use std::io::Write;
 use std::path::PathBuf;
@@ -53,9 +60,16 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Diagnose(diagnose::Args),
+    Render(render::Args),
+    Ballbar(ballbar::Args),
+    Rotary(rotary::Args),
+    Thermal(thermal::Args),
+    Export(export::Args),
+    Machine(machine::Args),
     Rtcp(rtcp::Args),
     Simulate(simulate::Args),
     Solve(solve::Args),
+    Verify(verify::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -114,9 +128,16 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Diagnose(args) => diagnose::run(args, global),
-        Command::Simulate(args) => simulate::run(args, global),
+        Command::Render(args) => render::run(args, global),
+        Command::Ballbar(args) => ballbar::run(args, global),
+        Command::Rotary(args) => rotary::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
+        Command::Export(args) => export::run(args, global),
+        Command::Machine(args) => machine::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Simulate(args) => simulate::run(args, global),
         Command::Solve(args) => solve::run(args, global),
+        Command::Verify(args) => verify::run(args, global),
     }
 }
 

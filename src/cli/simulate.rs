@@ -2,29 +2,36 @@
 
 use std::path::PathBuf;
 
-use clap::Args as ClapArgs;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, envelope};
+use crate::diagnose::data::rtcp::RtcpExperiment;
+use crate::diagnose::experiment::Experiment;
 use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
-use crate::output::Document;
+use crate::machine::Machine;
+use crate::output::{Document, Format};
+use crate::rtcp::sweep::{CONDITIONS, DEVIATION, Sweep, predict};
+use crate::table::Table;
 
-/// Predict every row of a plan or of measured data from the machine file and its effects
-#[derive(Debug, ClapArgs)]
+/// Predicts measured data from a machine model
+#[derive(Debug, clap::Args)]
 pub struct Args {
     /// The kind of data
     #[arg(value_enum)]
     kind: Kind,
-    /// The plan: a data file; its measured columns may be missing
-    #[arg(long, value_name = "DATA.csv")]
-    data: PathBuf,
-    /// The machine file, with its [[effects]]
-    #[arg(long, value_name = "machine.toml")]
+    /// The machine file, with the effects it is to show; rtcp and ballbar need one
+    #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
-    /// The camera's calibration file (rod)
+    /// CSV of what is commanded; measured columns in it are replaced by predicted ones
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// rtcp: the machine file whose values the control holds; the model's own where left out
+    #[arg(long, value_name = "FILE")]
+    now: Option<PathBuf>,
+    /// rod: the camera's calibration file
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
     /// Add Gaussian noise of this standard deviation
@@ -38,12 +45,30 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if !args.noise_mm.is_finite() || args.noise_mm < 0.0 {
-        return Err(Error::option(
-            "--noise-mm",
-            format!("is {}", args.noise_mm),
-            "give mm, zero or more",
-        ));
+        let reason = format!("is {}", args.noise_mm);
+        return Err(Error::option("--noise-mm", reason, "give a size in mm, zero or more"));
     }
+    match args.kind {
+        Kind::Rtcp => rtcp(args, global),
+        _ => other(args, global),
+    }
+}
+
+/// Gaussian noise in the order of the predicted values.
+fn noise(args: &Args) -> impl FnMut() -> f64 {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
+    let size = args.noise_mm;
+    move || {
+        if size == 0.0 {
+            return 0.0;
+        }
+        let z: f64 = StandardNormal.sample(&mut rng);
+        size * z
+    }
+}
+
+/// Kinds whose whole prediction comes from the effects library.
+fn other(args: &Args, global: &Global) -> Result<Outcome> {
     let source = Source {
         kind: args.kind,
         data: args.data.clone(),
@@ -53,44 +78,78 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut warnings = Vec::new();
     let experiment = source.load(&mut warnings)?;
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
-    let nuisances: Vec<f64> = experiment.nuisances().iter().map(|p| p.start).collect();
-    let mut predicted = experiment.predict(&nuisances, &[]);
-    if args.noise_mm > 0.0 {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
-        for p in &mut predicted {
-            let z: f64 = StandardNormal.sample(&mut rng);
-            *p += args.noise_mm * z;
-        }
-    }
+    let start: Vec<f64> = experiment.nuisances().iter().map(|p| p.start).collect();
+    let mut predicted = experiment.predict(&start, &[]);
+    let mut noise = noise(args);
+    predicted.iter_mut().for_each(|p| *p += noise());
     let columns = experiment.predicted_columns(&predicted);
-    let mut reader = csv::ReaderBuilder::new()
-        .comment(Some(b'#'))
-        .trim(csv::Trim::All)
-        .from_path(&args.data)
-        .map_err(|e| Error::file(&args.data, e.to_string(), "give a CSV file"))?;
-    let header = reader
-        .headers()
-        .map_err(|e| Error::file(&args.data, e.to_string(), "give a CSV file"))?
-        .clone();
-    let mut rows = Vec::new();
-    for (r, record) in reader.records().enumerate() {
-        let record =
-            record.map_err(|e| Error::file(&args.data, e.to_string(), "correct the row"))?;
-        let mut row = Map::new();
-        for (name, cell) in header.iter().zip(record.iter()) {
-            let name = name.trim_start_matches('\u{feff}');
-            let value = cell.parse::<f64>().map_or_else(|_| Value::from(cell), Value::from);
-            row.insert(name.to_owned(), value);
-        }
-        for (name, values) in &columns {
-            row.insert((*name).to_owned(), values[r].into());
-        }
-        rows.push(Value::Object(row));
-    }
-    let mut json = envelope("simulate", args.data.display().to_string(), &warnings);
+    let table = Table::read(&args.data, &[], &["*"])?;
+    let rows: Vec<Value> = (0..table.rows())
+        .map(|r| {
+            let mut row = Map::new();
+            for name in table.names() {
+                let cell = table.text(r, name);
+                let value = cell.parse::<f64>().map_or_else(|_| cell.into(), Value::from);
+                row.insert(name.clone(), value);
+            }
+            for (name, values) in &columns {
+                row.insert((*name).to_owned(), values[r].into());
+            }
+            Value::Object(row)
+        })
+        .collect();
+    let mut json = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
     json.insert("kind".into(), experiment.kind().into());
     json.insert("rows".into(), Value::Array(rows.clone()));
     let mut document = Document { json: json.into(), rows, table: String::new() };
-    document.table = document.text(crate::output::Format::Csv);
+    document.table = document.text(Format::Csv);
     Ok(Outcome::good(document))
+}
+
+fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
+    let path = args.model.as_ref().ok_or_else(|| {
+        Error::option("--model", "is missing", "give the machine file the data are predicted from")
+    })?;
+    let model = Machine::read(path)?;
+    let real = model.chain()?;
+    let control = match &args.now {
+        Some(path) => Machine::read(path)?.chain()?,
+        None => real.clone(),
+    };
+    let sweep = Sweep::read(&args.data)?;
+    let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
+    if !model.effects.is_empty() {
+        let mut warnings = Vec::new();
+        let experiment = RtcpExperiment::from_table(&sweep.table, &model, &mut warnings)?;
+        warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+        let added = experiment.predict(&[0.0; 3], &[]);
+        for (d, added) in d.iter_mut().zip(added.chunks_exact(3)) {
+            d.iter_mut().zip(added).for_each(|(d, a)| *d += a);
+        }
+    }
+    let mut noise = noise(args);
+    d.iter_mut().for_each(|d| d.iter_mut().for_each(|v| *v += noise()));
+
+    // Columns as in the data, then the deviation; people and programs get the same table.
+    let kept: Vec<&str> =
+        ["b_deg", "c_deg"].into_iter().chain(CONDITIONS).filter(|n| sweep.table.has(n)).collect();
+    let names: Vec<&str> = kept.iter().copied().chain(DEVIATION).collect();
+    let mut csv = names.join(",") + "\n";
+    let mut rows = Vec::with_capacity(d.len());
+    for (r, d) in d.iter().enumerate() {
+        let text = kept.iter().map(|n| sweep.table.text(r, n).to_owned());
+        let cells: Vec<String> = text.chain(d.iter().map(|v| format!("{v:.9}"))).collect();
+        csv += &cells.join(",");
+        csv.push('\n');
+        let value = |cell: String| match (global.format, cell.parse::<f64>()) {
+            (Format::Csv, _) | (_, Err(_)) => Value::String(cell),
+            (_, Ok(number)) => json!(number),
+        };
+        let pairs = names.iter().map(|n| (*n).to_owned()).zip(cells.into_iter().map(value));
+        rows.push(Value::Object(pairs.collect::<Map<_, _>>()));
+    }
+    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &[]);
+    map.insert("kind".into(), "rtcp".into());
+    map.insert("rows".into(), rows.clone().into());
+    Ok(Outcome::good(Document { json: Value::Object(map), rows, table: csv }))
 }

@@ -26,6 +26,8 @@ pub struct Options {
 
 /// p-value under which a lack of fit is said to exist.
 const LACK_OF_FIT_P: f64 = 1e-3;
+/// Least number of captures or poses worth a diagnosis.
+const LEAST_CAPTURES: usize = 8;
 /// Largest part of the observations that may be set aside as outliers.
 const MOST_OUTLIERS: f64 = 0.03;
 
@@ -59,6 +61,13 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     let n = layout.values.len();
     let mut keep = vec![true; n];
     let mut outliers = Vec::new();
+    if layout.group_count() < LEAST_CAPTURES {
+        return Err(Error::measure(
+            experiment.kind(),
+            format!("{} captures are too few to tell anything from noise", layout.group_count()),
+            format!("give at least {LEAST_CAPTURES}; a sound design has 40 or more"),
+        ));
+    }
     let spread = range(&layout.values);
     if spread.1 - spread.0 <= 0.0 && spread.0 == 0.0 {
         return Err(Error::measure(
@@ -107,7 +116,7 @@ fn find_outliers(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     }
     sizes.sort_by(f64::total_cmp);
     // A robust scale: outliers must not hide in the noise they made.
-    let scale = (sizes[sizes.len() / 2] / 0.6745).min(1.0).max(1e-9);
+    let scale = (sizes[sizes.len() / 2] / 0.6745).clamp(1e-9, 1.0);
     (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > 1.1 * limit * scale).collect()
 }
 

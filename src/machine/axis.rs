@@ -59,8 +59,8 @@ impl std::fmt::Display for AxisName {
 pub enum Side {
     /// The tool: its motion is the tool's.
     Head,
-    /// The work: a linear axis moves the table the opposite way, so that machine coordinates say where the
-    /// tool is relative to the work (ISO 841).
+    /// The work: a linear axis moves the table the opposite way, so that machine coordinates say
+    /// where the tool is relative to the work (ISO 841).
     Table,
 }
 
@@ -71,7 +71,8 @@ pub struct Axis {
     pub name: AxisName,
     /// What it carries.
     pub side: Side,
-    /// +1 where positive values move the carried body right-handed about (or along) the direction, else -1.
+    /// +1 where positive values move the carried body right-handed about (or along) the direction,
+    /// else -1.
     pub sense: f64,
     /// Least and largest value, mm or rad; infinite where unknown.
     pub limits: [f64; 2],

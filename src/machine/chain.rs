@@ -21,8 +21,8 @@ pub struct ToolPose {
 
 /// A machine of three linear and two rotary axes, each in the head or in the table.
 ///
-/// At zero of all joints the tool point is at the machine frame's origin, the tool points to +Z, and the table
-/// frame is moved from the machine frame by the table point.
+/// At zero of all joints the tool point is at the machine frame's origin, the tool points to +Z,
+/// and the table frame is moved from the machine frame by the table point.
 #[derive(Debug, Clone)]
 pub struct Chain {
     /// From the work to the tool.
@@ -34,8 +34,8 @@ pub struct Chain {
 }
 
 impl Chain {
-    /// A chain from the axes in order from work to tool: table side from the work down to the bed, then head side
-    /// from the bed to the tool. Needs X, Y, Z and two different rotary axes.
+    /// A chain from the axes in order from work to tool: table side from the work down to the bed,
+    /// then head side from the bed to the tool. Needs X, Y, Z and two different rotary axes.
     pub fn new(axes: [Axis; 5], table_mm: Vector3<f64>) -> Result<Self> {
         let fail = |reason: &str, fix: &str| Err(Error::measure("kinematic chain", reason, fix));
         let mut names: Vec<AxisName> = axes.iter().map(|a| a.name).collect();
@@ -142,7 +142,8 @@ impl Chain {
         ToolPose { position_mm: pose.translation.vector, direction: pose.rotation * Vector3::z() }
     }
 
-    /// The derivative of tool position (rows 0-2, mm) and direction (rows 3-5) in the table frame by the joints.
+    /// The derivative of tool position (rows 0-2, mm) and direction (rows 3-5) in the table frame
+    /// by the joints.
     pub fn jacobian(&self, q: &Joints) -> SMatrix<f64, 6, 5> {
         let mut jacobian = SMatrix::<f64, 6, 5>::zeros();
         let mut prefix =

@@ -1,5 +1,5 @@
-//! Errors of the axes under their ISO 230-7 names: location errors (where an axis' line really is) and component
-//! errors (how a moving axis really moves).
+//! Errors of the axes under their ISO 230-7 names: location errors (where an axis' line really is)
+//! and component errors (how a moving axis really moves).
 
 use std::str::FromStr;
 
@@ -9,12 +9,13 @@ use crate::error::Error;
 use crate::machine::axis::AxisName;
 use crate::machine::screw::{Motion, Twist, small_motion};
 
-/// A location error, such as `XOC` (the C axis lies off in X) or `AOB` (the B axis is tilted about X).
+/// A location error, such as `XOC` (the C axis lies off in X) or `AOB` (the B axis is tilted about
+/// X).
 ///
-/// For a rotary axis: `XO· YO· ZO·` shift its line (mm), `AO· BO· CO·` tilt it (rad) about its own point; the tilt
-/// about its own direction is its zero error. For a linear axis: `AO· BO· CO·` turn its direction (squareness,
-/// rad), and `EXX EYY EZZ` are its scale error (length per length). The zero pose stays where it is, except
-/// for a zero error.
+/// For a rotary axis: `XO· YO· ZO·` shift its line (mm), `AO· BO· CO·` tilt it (rad) about its own
+/// point; the tilt about its own direction is its zero error. For a linear axis: `AO· BO· CO·` turn
+/// its direction (squareness, rad), and `EXX EYY EZZ` are its scale error (length per length). The
+/// zero pose stays where it is, except for a zero error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LocationError {
     /// The axis that is off.
@@ -68,11 +69,12 @@ impl FromStr for LocationError {
     }
 }
 
-/// A component error, such as `EBB` (angular positioning of B) or `EZC` (axial motion of C), as a function of the
-/// axis' own commanded position.
+/// A component error, such as `EBB` (angular positioning of B) or `EZC` (axial motion of C), as a
+/// function of the axis' own commanded position.
 ///
-/// The axis' own positioning error counts along its own positive sense; the other five move the carried body along
-/// or about the machine's X, Y, Z, turning about the axis' point. Lengths in mm, angles in rad.
+/// The axis' own positioning error counts along its own positive sense; the other five move the
+/// carried body along or about the machine's X, Y, Z, turning about the axis' point. Lengths in mm,
+/// angles in rad.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ComponentError {
     /// The axis that moves.

@@ -83,7 +83,8 @@ pub struct Target {
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Kinematics {
-    /// As ISO 10791-6 writes it: `w` work, the axes that carry it, `b` bed, the axes that carry the tool, `t` tool.
+    /// As ISO 10791-6 writes it: `w` work, the axes that carry it, `b` bed, the axes that carry the
+    /// tool, `t` tool.
     pub order: String,
 }
 
@@ -103,14 +104,15 @@ impl Kinematics {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AxisEntry {
-    /// A point of a rotary axis' line at zero: in the table frame for a table axis, from the tool point for a head axis.
+    /// A point of a rotary axis' line at zero: in the table frame for a table axis, from the tool
+    /// point for a head axis.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub point_mm: Option<[f64; 3]>,
     /// The axis' direction in the machine frame, of any length.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub direction: Option<[f64; 3]>,
-    /// 1: positive values turn what the axis carries right-handed about its direction; -1: the other way. For C in the
-    /// table give `c_sense` instead.
+    /// 1: positive values turn what the axis carries right-handed about its direction; -1: the
+    /// other way. For C in the table give `c_sense` instead.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sense: Option<i32>,
     /// Travel of a linear axis.
@@ -154,12 +156,14 @@ impl Machine {
         }
     }
 
-    /// Table A under table C; the A axis lies `offset_mm` from the C axis along Y and `below_mm` under the table surface.
+    /// Table A under table C; the A axis lies `offset_mm` from the C axis along Y and `below_mm`
+    /// under the table surface.
     pub fn table_a_c(offset_mm: f64, below_mm: f64) -> Self {
         Self::preset("w C A b X Y Z t", &[("A", [0.0, offset_mm, -below_mm])])
     }
 
-    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm` under the table surface.
+    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm`
+    /// under the table surface.
     pub fn table_b_c(offset_mm: f64, below_mm: f64) -> Self {
         Self::preset("w C B b X Y Z t", &[("B", [offset_mm, 0.0, -below_mm])])
     }
@@ -246,6 +250,11 @@ impl Machine {
         Vector3::new(self.table.xc_mm, self.table.yc_mm, self.table.zc_mm)
     }
 
+    /// The observed target in the table frame; the origin where the file names none.
+    pub fn target_point(&self) -> Vector3<f64> {
+        self.target.map_or_else(Vector3::zeros, |t| Vector3::from(t.position_mm))
+    }
+
     /// From the head's rotary axis to the tool point at zero: `(ΔX, 0, -(R + s))`.
     pub fn head_vector(&self) -> Vector3<f64> {
         Vector3::new(self.head.delta_x_mm, 0.0, -(self.head.r_mm + self.head.standoff_mm))
@@ -290,6 +299,13 @@ impl Machine {
             other => Err((field, format!("is {other}"), "write 1 or -1")),
         };
         sense("c_sense".into(), self.c_sense)?;
+        if self.c_sense != 1 && !self.table_order().contains('C') {
+            return Err((
+                "c_sense".into(),
+                "is for a C axis in the table, and this machine has none".into(),
+                "leave it out, or give the axis' sense in [axes.C]",
+            ));
+        }
         let finite = |field: &str, values: &[f64]| {
             if values.iter().all(|v| v.is_finite() && v.abs() < 1e6) {
                 Ok(())
@@ -337,6 +353,11 @@ impl Machine {
         Ok(())
     }
 
+    /// The part of the order that carries the work.
+    fn table_order(&self) -> &str {
+        self.kinematics.order.split('b').next().unwrap_or("")
+    }
+
     fn check_entry(&self, axis: AxisName, entry: &AxisEntry) -> Check {
         let misplaced = |key: &str, fix: &'static str| {
             Err((format!("axes.{axis}.{key}"), "does not belong here".into(), fix))
@@ -352,8 +373,8 @@ impl Machine {
                 "a linear axis takes direction and limits_mm",
             );
         }
-        let table_side = self.kinematics.order.split('b').next().unwrap_or("").contains('C');
-        if axis == AxisName::C && table_side && entry.sense.is_some() {
+        let table_c = axis == AxisName::C && self.table_order().contains('C');
+        if table_c && entry.sense.is_some() {
             return misplaced("sense", "give c_sense at the top of the file instead");
         }
         for limits in [entry.limits_mm, entry.limits_deg].into_iter().flatten() {

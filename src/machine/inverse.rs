@@ -1,9 +1,9 @@
-//! From the tool in the table frame back to the joints: closed form for the ideal chain, then corrected for the
-//! component errors where there are any.
+//! From the tool in the table frame back to the joints: closed form for the ideal chain, then
+//! corrected for the component errors where there are any.
 //!
-//! The tool's direction depends on the two rotary joints alone: `R₁(θ₁) R₂(θ₂) z = u`, the second problem of Paden
-//! and Kahan (Murray, Li & Sastry, section 3.3), with at most two solutions. With the rotary joints known the tool
-//! point is linear in X, Y, Z.
+//! The tool's direction depends on the two rotary joints alone: `R₁(θ₁) R₂(θ₂) z = u`, the second
+//! problem of Paden and Kahan (Murray, Li & Sastry, section 3.3), with at most two solutions. With
+//! the rotary joints known the tool point is linear in X, Y, Z.
 
 use std::f64::consts::TAU;
 
@@ -45,8 +45,8 @@ pub struct Solution {
 }
 
 impl Chain {
-    /// X, Y, Z that hold the tool point at `position_mm` of the table frame with the rotary joints given (rad,
-    /// in the order of [`Joints`]): what a control's RTCP computes.
+    /// X, Y, Z that hold the tool point at `position_mm` of the table frame with the rotary joints
+    /// given (rad, in the order of [`Joints`]): what a control's RTCP computes.
     #[inline]
     pub fn inverse_at(&self, position_mm: &Vector3<f64>, rotary: [f64; 2]) -> Joints {
         let mut q = [0.0, 0.0, 0.0, rotary[0], rotary[1]];
@@ -66,9 +66,9 @@ impl Chain {
         q
     }
 
-    /// All ways to hold `pose`, those within the limits first, then nearest to `near` first. Empty where the rotary
-    /// axes cannot reach the direction. With component errors, a solution nearer to a singularity than the errors are
-    /// large may be missing; one that is given holds the pose.
+    /// All ways to hold `pose`, those within the limits first, then nearest to `near` first. Empty
+    /// where the rotary axes cannot reach the direction. With component errors, a solution nearer
+    /// to a singularity than the errors are large may be missing; one that is given holds the pose.
     pub fn inverse(&self, pose: &ToolPose, near: &Joints) -> Vec<Solution> {
         let norm = pose.direction.norm();
         if !(norm > 0.0 && norm.is_finite()) {
@@ -177,8 +177,9 @@ impl Chain {
             .collect()
     }
 
-    /// Moves the ideal solution until the real chain, component errors and all, points along `wanted` at `position`;
-    /// whether it does. Position and direction go together: a linear axis' errors may turn the tool.
+    /// Moves the ideal solution until the real chain, component errors and all, points along
+    /// `wanted` at `position`; whether it does. Position and direction go together: a linear axis'
+    /// errors may turn the tool.
     fn correct(
         &self,
         wanted: &Vector3<f64>,
@@ -210,7 +211,8 @@ fn angle_about(axis: &Vector3<f64>, from: &Vector3<f64>, to: &Vector3<f64>) -> f
     axis.dot(&from.cross(&to)).atan2(from.dot(&to))
 }
 
-/// `q` plus the whole turns that bring it nearest to `near` within `limits`; nearest alone where none is within.
+/// `q` plus the whole turns that bring it nearest to `near` within `limits`; nearest alone where
+/// none is within.
 fn nearest_turn(q: f64, near: f64, limits: [f64; 2]) -> f64 {
     let nearest = q + ((near - q) / TAU).round() * TAU;
     let inside = |v: &f64| *v >= limits[0] - 1e-9 && *v <= limits[1] + 1e-9;

@@ -1,8 +1,9 @@
 //! Screws: the axis line of a joint, and the rigid motion it makes.
 //!
-//! Murray, Li & Sastry, "A Mathematical Introduction to Robotic Manipulation" (1994), chapter 2: a rotary joint
-//! about the line through `p` along `ω` moves points by `exp(ξ̂ θ)` = rotation `R = I + sin θ ω̂ + (1 - cos θ) ω̂²`
-//! and translation `(I - R) p`; a linear joint along `v` by the translation `v θ`.
+//! Murray, Li & Sastry, "A Mathematical Introduction to Robotic Manipulation" (1994), chapter 2: a
+//! rotary joint about the line through `p` along `ω` moves points by `exp(ξ̂ θ)` = rotation `R = I
+//! + sin θ ω̂ + (1 - cos θ) ω̂²` and translation `(I - R) p`; a linear joint along `v` by the
+//! translation `v θ`.
 
 use nalgebra::{IsometryMatrix3, Matrix3, Rotation3, Translation3, Vector3};
 

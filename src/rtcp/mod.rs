@@ -1,8 +1,13 @@
-//! Rotated tool centre point: what the control computes, what the machine really does, and the difference.
+//! Rotated tool centre point: what the control computes, what the machine really does, and the
+//! difference.
 
+pub mod export;
+pub mod plan;
 mod session;
 mod session_file;
 pub mod solve;
+pub mod sweep;
+pub mod verify;
 
 use nalgebra::Vector3;
 
@@ -10,8 +15,9 @@ pub use session::{Limit, Session};
 
 use crate::machine::{Chain, Joints};
 
-/// The deviation `d` = tool point really reached - target really there (machine frame, mm), when the control, believing
-/// `control`, holds the tool at `target_mm` of the table frame with the rotary joints given (rad) on the machine `real`.
+/// The deviation `d` = tool point really reached - target really there (machine frame, mm), when
+/// the control, believing `control`, holds the tool at `target_mm` of the table frame with the
+/// rotary joints given (rad) on the machine `real`.
 #[inline]
 pub fn deviation(
     control: &Chain,

@@ -1,4 +1,5 @@
-//! The session file: everything read at the machine on the way from the burn test to the control's values.
+//! The session file: everything read at the machine on the way from the burn test to the control's
+//! values.
 
 use std::path::Path;
 

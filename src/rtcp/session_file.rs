@@ -1,4 +1,5 @@
-//! The session file as it is written: keys, defaults, and the results of other commands it may point to.
+//! The session file as it is written: keys, defaults, and the results of other commands it may
+//! point to.
 
 use std::path::PathBuf;
 

@@ -1,14 +1,16 @@
 //! From contact readings and the rod's centre to the head vector and the C axis, with uncertainty.
 //!
-//! With the nozzle at angle B its end face, a disc of rim radius ρ, touches the rod's generator when the machine reads
+//! With the nozzle at angle B its end face, a disc of rim radius ρ, touches the rod's generator
+//! when the machine reads
 //!
 //! ```text
 //! X = X_rod + s (D/2 + ρ |cos B|) + ΔX (1 - cos B) + R sin B,     s = sign(sin B)
 //! ```
 //!
-//! Two touches, one on each side, give ΔX and R; at B = ±90° that is `X_B = (X1 + X2)/2`, `ΔX = X_B - X_rod`,
-//! `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100), except for the rim of a nozzle that is not quite
-//! at ±90°: it touches early by `ρ |sin ε|`, the same way on both sides, which enters by its second moment.
+//! Two touches, one on each side, give ΔX and R. At B = ±90° that is `X_B = (X1 + X2)/2`,
+//! `ΔX = X_B - X_rod` and `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100),
+//! except for the rim of a nozzle that is not quite at ±90°: it touches early by `ρ |sin ε|`, the
+//! same way on both sides, which enters by its second moment.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -192,7 +194,8 @@ fn inputs(r: &Readings, check: Measured) -> (Inputs, Inputs) {
 fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, OUTPUTS> {
     let (xc, yc, offset, diameter) = (v[0], v[1], v[2], v[3]);
     let rim = r.nozzle_rim_radius_mm;
-    // Contact without the head vector's part; the rim's reach is taken at the angle told, its error apart.
+    // Contact without the head vector's part; the rim's reach is taken at the angle told, its error
+    // apart.
     let side = |b: f64, early: f64| {
         (sense * b.sin()).signum() * (diameter / 2.0 + rim * b.cos().abs() + early * b.sin().abs())
     };
@@ -209,7 +212,8 @@ fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, O
     let determinant = a1 * s2 - a2 * s1;
     let delta_x = (y1 * s2 - y2 * s1) / determinant;
     let length = (a1 * y2 - a2 * y1) / determinant;
-    // The nozzle on the table at B = 0 + ε stands lower by its rim and higher by what the swing lifts it.
+    // The nozzle on the table at B = 0 + ε stands lower by its rim and higher by what the swing
+    // lifts it.
     let e = sense * zero;
     let table = v[6] - early - delta_x * e.sin() + length * (1.0 - e.cos());
     let [ac, sc] = row(check_b, zero + v[11]);
@@ -218,7 +222,8 @@ fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, O
 }
 
 impl Solved {
-    /// I1 to I4 as the Siemens control names them: I2 = (-ΔX, 0, R) from nozzle to pivot, I1 = -I2, I3 to the C axis, I4 = -I3.
+    /// I1 to I4 as the Siemens control names them: I2 = (-ΔX, 0, R) from nozzle to pivot, I1 = -I2,
+    /// I3 to the C axis, I4 = -I3.
     pub fn vectors_mm(&self) -> [[f64; 3]; 4] {
         let i1 = [self.delta_x_mm.value, 0.0, -self.r_mm.value];
         let i3 = [self.xc_mm.value, self.yc_mm.value, self.zb_mm.value];

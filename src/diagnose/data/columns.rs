@@ -5,7 +5,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use crate::diagnose::data::{angle_warning, enough, known_effects, length_warning, need, sites};
+use crate::diagnose::data::{angle_warning, known_effects, length_warning, need, sites};
 use crate::diagnose::effects::{Library, ballbar, burn, thermal};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
@@ -202,7 +202,6 @@ impl ColumnsExperiment {
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
         let rows = table.rows();
-        enough(table, rows)?;
         let mut measured = Vec::new();
         for name in outputs {
             let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);

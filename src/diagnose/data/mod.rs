@@ -12,9 +12,6 @@ use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::table::Table;
 
-/// Least number of captures or poses worth a diagnosis.
-pub const LEAST_GROUPS: usize = 6;
-
 /// Numbers rows that agree in all of `columns` (to a part in a million of each column's range) alike.
 pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
     let steps: Vec<f64> = columns
@@ -84,18 +81,6 @@ pub fn length_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
             "column '{name}' reaches {largest:.1}: if it is in micrometres, turn it into millimetres"
         ));
     }
-}
-
-/// An error where there are too few captures.
-pub fn enough(table: &Table, groups: usize) -> Result<()> {
-    if groups >= LEAST_GROUPS {
-        return Ok(());
-    }
-    Err(Error::file(
-        table.path(),
-        format!("has {groups} captures, too few to tell anything from noise"),
-        format!("give at least {LEAST_GROUPS}; a sound design has 40 or more"),
-    ))
 }
 
 /// The effects that the model file already has, as far as this kind of data knows them.

@@ -6,7 +6,7 @@ use std::path::Path;
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{angle_warning, check_direction, enough, known_effects, need, sites};
+use crate::diagnose::data::{angle_warning, check_direction, known_effects, need, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
@@ -168,7 +168,6 @@ impl RodExperiment {
                 })
             })
             .collect();
-        enough(table, first_rows.len())?;
         let per_capture = |name: &str| -> Result<Vec<f64>> {
             let Some(all) = table.optional_column(name)? else { return Ok(Vec::new()) };
             if let Some(r) =

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{angle_warning, check_direction, enough, length_warning, need, sites};
+use crate::diagnose::data::{angle_warning, check_direction, length_warning, need, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
@@ -112,7 +112,6 @@ impl RtcpExperiment {
     ) -> Result<Self> {
         let (b_deg, c_deg) = (table.column("b_deg")?, table.column("c_deg")?);
         let rows = table.rows();
-        enough(table, rows)?;
         angle_warning("b_deg", &b_deg, warnings);
         angle_warning("c_deg", &c_deg, warnings);
         let column = |name: &str| table.optional_column(name).map(Option::unwrap_or_default);

@@ -3,7 +3,9 @@
 pub mod ballbar;
 pub mod burn;
 pub mod rod;
+mod rod_slow;
 pub mod rtcp;
+mod rtcp_slow;
 pub mod thermal;
 
 use std::collections::BTreeMap;
