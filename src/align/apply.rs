@@ -358,7 +358,7 @@ impl Mover {
         let mut through = std::mem::take(&mut self.through);
         let end = self
             .poster
-            .go(line, &hint, !rapid && !rtcp, &path, &mut through)
+            .go(line, &hint, !rapid && !rtcp, path, &mut through)
             .map_err(Stop::Failed)?;
         if self.to == Form::Cl {
             cl::write(out, &pose, ' ', self.decimals);
@@ -398,15 +398,15 @@ impl Mover {
 
     /// Appends the five axis words.
     fn axes(&self, out: &mut String, q: &Joints, pose: &ToolPose) {
-        for i in 0..5 {
+        for (i, value) in q.iter().enumerate() {
             if !out.is_empty() && !out.ends_with('\n') {
                 out.push(' ');
             }
             out.push(self.letters[i]);
             match i {
                 0..3 if self.rtcp => cl::number(out, pose.position_mm[i], self.decimals),
-                0..3 => cl::number(out, q[i], self.decimals),
-                _ => cl::number(out, q[i].to_degrees(), self.decimals + 2),
+                0..3 => cl::number(out, *value, self.decimals),
+                _ => cl::number(out, value.to_degrees(), self.decimals + 2),
             }
         }
     }

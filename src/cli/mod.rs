@@ -2,8 +2,10 @@
 
 mod align;
 mod ballbar;
+mod diagnose;
 mod export;
 mod machine;
+mod render;
 mod rotary;
 mod rtcp;
 mod simulate;
@@ -59,6 +61,8 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Args),
+    Diagnose(diagnose::Args),
+    Render(render::Args),
     Ballbar(ballbar::Args),
     Rotary(rotary::Args),
     Thermal(thermal::Args),
@@ -126,6 +130,8 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Align(args) => align::run(args, global),
+        Command::Diagnose(args) => diagnose::run(args, global),
+        Command::Render(args) => render::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Rotary(args) => rotary::run(args, global),
         Command::Thermal(args) => thermal::run(args, global),

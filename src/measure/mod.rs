@@ -1,7 +1,9 @@
 //! A picture (or captures) → a measurement.
 
+pub mod burn;
 pub mod circles;
 pub mod ring;
+pub mod rod;
 
 use serde::Serialize;
 
