@@ -4,6 +4,7 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+pub mod batch;
 pub mod camera;
 pub mod cli;
 pub mod edge;
@@ -11,7 +12,9 @@ pub mod error;
 pub mod fit;
 pub mod frame;
 pub mod measure;
+pub mod hash;
 pub mod output;
+pub mod parquet;
 pub mod plot;
 pub mod table;
 pub mod tomlfile;
