@@ -14,7 +14,10 @@ pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
 }
 
 /// As [`write_whole`], for files too large to hold in memory.
-pub fn write_streamed(path: &Path, fill: impl FnOnce(&mut std::fs::File) -> Result<()>) -> Result<()> {
+pub fn write_streamed(
+    path: &Path,
+    fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
+) -> Result<()> {
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
@@ -142,6 +145,15 @@ pub fn flatten(value: &Value) -> Vec<(String, &Value)> {
     let mut cells = Vec::new();
     walk("", value, &mut cells);
     cells
+}
+
+/// Text for XML and HTML, in elements and attributes.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+        .replace('\'', "&#39;")
 }
 
 #[cfg(test)]

@@ -184,7 +184,10 @@ fn page(column: &[Option<Cell>]) -> Vec<u8> {
     let mut data = (levels.len() as u32).to_le_bytes().to_vec();
     data.extend(levels);
     let present = || column.iter().flatten();
-    bits(&mut data, present().filter_map(|c| if let Cell::Boolean(b) = c { Some(*b) } else { None }));
+    bits(
+        &mut data,
+        present().filter_map(|c| if let Cell::Boolean(b) = c { Some(*b) } else { None }),
+    );
     for cell in present() {
         match cell {
             Cell::Boolean(_) => {}

@@ -44,10 +44,18 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
     } else if input.contains(['*', '?', '[']) {
         pattern(input, kind)?
     } else {
-        return Err(Error::file(path, "does not exist", "give a folder, a 'pattern' or a CSV manifest"));
+        return Err(Error::file(
+            path,
+            "does not exist",
+            "give a folder, a 'pattern' or a CSV manifest",
+        ));
     };
     if items.is_empty() {
-        return Err(Error::file(path, "holds nothing to measure", format!("names must end in {}", endings(kind))));
+        return Err(Error::file(
+            path,
+            "holds nothing to measure",
+            format!("names must end in {}", endings(kind)),
+        ));
     }
     Ok(items)
 }
@@ -86,7 +94,11 @@ fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
 
 fn pattern(text: &str, kind: Kind) -> Result<Vec<Item>> {
     let paths = glob::glob(text).map_err(|e| {
-        Error::option("PATTERN", format!("'{text}' is not a pattern ({})", e.msg), "use *, ? and [..]")
+        Error::option(
+            "PATTERN",
+            format!("'{text}' is not a pattern ({})", e.msg),
+            "use *, ? and [..]",
+        )
     })?;
     let mut items = Vec::new();
     for path in paths {
@@ -114,9 +126,15 @@ fn manifest(path: &Path) -> Result<Vec<Item>> {
                 return Err(table.error(row, "image", "is empty", "name a picture"));
             }
             if !seen.insert(name.clone()) {
-                return Err(table.error(row, "image", format!("'{name}' stands twice"), "keep one of them"));
+                return Err(table.error(
+                    row,
+                    "image",
+                    format!("'{name}' stands twice"),
+                    "keep one of them",
+                ));
             }
-            let calib = Some(table.text(row, "calib")).filter(|c| !c.is_empty()).map(|c| base.join(c));
+            let calib =
+                Some(table.text(row, "calib")).filter(|c| !c.is_empty()).map(|c| base.join(c));
             Ok(Item { path: base.join(&name), name, calib })
         })
         .collect()
@@ -133,7 +151,11 @@ mod tests {
             std::fs::write(dir.path().join(name), "x").unwrap();
         }
         let names = |input: &Path| -> Vec<String> {
-            list(input.to_str().unwrap(), Kind::Pictures).unwrap().into_iter().map(|i| file_name(&i.path)).collect()
+            list(input.to_str().unwrap(), Kind::Pictures)
+                .unwrap()
+                .into_iter()
+                .map(|i| file_name(&i.path))
+                .collect()
         };
         assert_eq!(names(dir.path()), ["a.jpg", "b.PNG"]);
         assert_eq!(names(&dir.path().join("*")), ["a.jpg", "b.PNG"]);

@@ -58,17 +58,33 @@ impl Job {
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let mut job: Self = tomlfile::read(path)?;
-        let wrong = |field: &str, reason: String, fix: &str| Err(Error::field(path, None, field, reason, fix));
+        let wrong = |field: &str, reason: String, fix: &str| {
+            Err(Error::field(path, None, field, reason, fix))
+        };
         if job.schema != 1 {
-            return wrong("schema", format!("is {}, this program reads 1", job.schema), "use a matching version");
+            return wrong(
+                "schema",
+                format!("is {}, this program reads 1", job.schema),
+                "use a matching version",
+            );
         }
         for (key, limit) in &job.limits {
             let bounds = [limit.min, limit.max];
             if bounds.iter().all(Option::is_none) {
-                return wrong(&format!("limits.{key}"), "has no bound".into(), "give min, max or both");
+                return wrong(
+                    &format!("limits.{key}"),
+                    "has no bound".into(),
+                    "give min, max or both",
+                );
             }
-            if bounds.iter().flatten().any(|b| !b.is_finite()) || matches!(limit, Limit { min: Some(a), max: Some(b) } if a > b) {
-                return wrong(&format!("limits.{key}"), "no value can keep it".into(), "give finite bounds with min <= max");
+            if bounds.iter().flatten().any(|b| !b.is_finite())
+                || matches!(limit, Limit { min: Some(a), max: Some(b) } if a > b)
+            {
+                return wrong(
+                    &format!("limits.{key}"),
+                    "no value can keep it".into(),
+                    "give finite bounds with min <= max",
+                );
             }
         }
         job.base = path.parent().unwrap_or(Path::new("")).to_owned();
@@ -80,10 +96,27 @@ impl Job {
         Kind::Pictures
     }
 
+    /// The command that measures one picture the same way.
+    pub fn command(&self) -> &'static str {
+        match self.measure {
+            Method::Circles { .. } => "circles",
+        }
+    }
+
+    /// The calibration file.
+    pub fn calib_path(&self) -> PathBuf {
+        self.base.join(&self.calib)
+    }
+
     /// Reads the calibration. Overlays go to the folder given.
     pub fn prepare(&self, overlays: Option<PathBuf>) -> Result<Prepared<'_>> {
-        let path = self.base.join(&self.calib);
-        Ok(Prepared { job: self, calibration: Calibration::read(&path)?, calib_sha256: hash::of_file(&path)?, overlays })
+        let path = self.calib_path();
+        Ok(Prepared {
+            job: self,
+            calibration: Calibration::read(&path)?,
+            calib_sha256: hash::of_file(&path)?,
+            overlays,
+        })
     }
 }
 
@@ -97,7 +130,9 @@ impl Prepared<'_> {
     pub fn measure(&self, item: &Item) -> Measured {
         let bytes = match std::fs::read(&item.path) {
             Ok(bytes) => bytes,
-            Err(e) => return Measured { sha256: None, result: Err(Error::io(&item.path, "read", e)) },
+            Err(e) => {
+                return Measured { sha256: None, result: Err(Error::io(&item.path, "read", e)) };
+            }
         };
         Measured { sha256: Some(hash::of_bytes(&bytes)), result: self.result(item, &bytes) }
     }
@@ -111,7 +146,11 @@ impl Prepared<'_> {
         let Value::Object(mut result) = report else { return Ok(Map::new()) };
         if !self.job.limits.is_empty() {
             let judged = limits::judge(&self.job.limits, &result).map_err(|key| {
-                Error::measure(&item.name, format!("the result has no number '{key}' to hold against its limit"), "correct the key under [limits]")
+                Error::measure(
+                    &item.name,
+                    format!("the result has no number '{key}' to hold against its limit"),
+                    "correct the key under [limits]",
+                )
             })?;
             let own = result.get("verdict").and_then(|v| serde_json::from_value(v.clone()).ok());
             let verdict = limits::worst(judged.iter().map(|j| j.verdict).chain(own));

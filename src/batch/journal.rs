@@ -94,7 +94,13 @@ impl Journal {
     }
 
     /// Adds a line (without its newline).
-    pub fn append(&mut self, name: &str, line: &str, failed: bool, verdict: Option<Verdict>) -> Result<()> {
+    pub fn append(
+        &mut self,
+        name: &str,
+        line: &str,
+        failed: bool,
+        verdict: Option<Verdict>,
+    ) -> Result<()> {
         let text = format!("{line}\n");
         let error = |e| Error::io(&self.path, "write", e);
         self.file.write_all(text.as_bytes()).map_err(error)?;
@@ -121,7 +127,8 @@ impl Journal {
             .and_then(|_| self.file.read_exact(&mut bytes))
             .and_then(|()| self.file.seek(SeekFrom::Start(self.end)))
             .map_err(|e| Error::io(&self.path, "read", e))?;
-        String::from_utf8(bytes).map_err(|_| Error::file(&self.path, "is not UTF-8", "start the batch again"))
+        String::from_utf8(bytes)
+            .map_err(|_| Error::file(&self.path, "is not UTF-8", "start the batch again"))
     }
 }
 
@@ -138,7 +145,13 @@ fn read(path: &Path, file: &File) -> Result<(HashMap<String, Entry>, u64)> {
             return Ok((entries, end));
         }
         let head: Head = serde_json::from_slice(&line).map_err(|e| {
-            Error::field(path, Some(number), "result", format!("is damaged ({e})"), "delete this line; its picture is then measured again")
+            Error::field(
+                path,
+                Some(number),
+                "result",
+                format!("is damaged ({e})"),
+                "delete this line; its picture is then measured again",
+            )
         })?;
         let failed = head.status == Status::Failed;
         entries.insert(head.image, Entry { offset: end, bytes, failed, verdict: head.verdict });

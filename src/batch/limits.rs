@@ -64,7 +64,13 @@ pub fn judge(limits: &Limits, result: &Map<String, Value>) -> Result<Vec<Judged>
         .map(|(key, limit)| {
             let value = number(result, key).ok_or_else(|| key.clone())?;
             let u95 = u95_key(key).and_then(|k| number(result, &k)).unwrap_or(0.0);
-            Ok(Judged { key: key.clone(), value, u95, limit: *limit, verdict: limit.judge(value, u95) })
+            Ok(Judged {
+                key: key.clone(),
+                value,
+                u95,
+                limit: *limit,
+                verdict: limit.judge(value, u95),
+            })
         })
         .collect()
 }

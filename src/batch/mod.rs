@@ -56,7 +56,7 @@ pub struct Watch {
 }
 
 /// How a batch went.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Summary {
     /// Pictures with a row.
     pub pictures: usize,
@@ -79,7 +79,7 @@ pub struct Summary {
 }
 
 /// The statistics of one column.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Column {
     /// The column's name.
     pub column: String,
@@ -99,7 +99,14 @@ pub fn run(job: &Job, options: &Options, progress: &(dyn Fn(Progress) + Sync)) -
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
     });
-    run_with(options, job.kind(), &identity, &|item| prepared.measure(item), progress, overlays.as_deref())
+    run_with(
+        options,
+        job.kind(),
+        &identity,
+        &|item| prepared.measure(item),
+        progress,
+        overlays.as_deref(),
+    )
 }
 
 fn run_with(
@@ -170,11 +177,22 @@ fn claim(options: &Options, identity: &Value) -> Result<()> {
         return write_whole(&path, format!("{identity:#}\n").as_bytes());
     };
     if !options.resume {
-        return Err(Error::file(&options.out, "holds a batch already", "add --resume to go on with it, or choose another --out"));
+        return Err(Error::file(
+            &options.out,
+            "holds a batch already",
+            "add --resume to go on with it, or choose another --out",
+        ));
     }
-    let old: Value = serde_json::from_slice(&old).map_err(|e| Error::file(&path, format!("is damaged ({e})"), "start again in another --out"))?;
+    let old: Value = serde_json::from_slice(&old).map_err(|e| {
+        Error::file(&path, format!("is damaged ({e})"), "start again in another --out")
+    })?;
     let same = |key: &str| old.get(key) == identity.get(key);
-    for (key, what) in [("version", "the program's version"), ("input", "the input"), ("calib_sha256", "the calibration"), ("job", "the job")] {
+    for (key, what) in [
+        ("version", "the program's version"),
+        ("input", "the input"),
+        ("calib_sha256", "the calibration"),
+        ("job", "the job"),
+    ] {
         if !same(key) {
             return Err(Error::file(
                 &options.out,
@@ -184,6 +202,18 @@ fn claim(options: &Options, identity: &Value) -> Result<()> {
         }
     }
     Ok(())
+}
+
+/// The rows of a finished batch, in order.
+pub fn rows(folder: &Path) -> Result<impl Iterator<Item = Result<Value>>> {
+    use std::io::BufRead;
+    let path = folder.join("results.jsonl");
+    let file = std::fs::File::open(&path).map_err(|e| Error::io(&path, "read", e))?;
+    Ok(std::io::BufReader::new(file).lines().map(move |line| {
+        let line = line.map_err(|e| Error::io(&path, "read", e))?;
+        serde_json::from_str(&line)
+            .map_err(|e| Error::file(&path, format!("is damaged ({e})"), "start the batch again"))
+    }))
 }
 
 fn lock(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {
@@ -212,12 +242,21 @@ fn sorted(options: &Options, items: &[Item], journal: &Journal) -> Vec<(String, 
 }
 
 /// Writes the tables and the summary of what the journal holds now.
-fn finish(options: &Options, items: &[Item], journal: &Mutex<Journal>, before: usize) -> Result<Summary> {
+fn finish(
+    options: &Options,
+    items: &[Item],
+    journal: &Mutex<Journal>,
+    before: usize,
+) -> Result<Summary> {
     let mut journal = lock(journal);
     let lines = sorted(options, items, &journal);
     let mut row = |entry: Entry| -> Result<Value> {
         serde_json::from_str(&journal.line(entry)?).map_err(|e| {
-            Error::file(options.out.join("results.jsonl"), format!("is damaged ({e})"), "start again")
+            Error::file(
+                options.out.join("results.jsonl"),
+                format!("is damaged ({e})"),
+                "start again",
+            )
         })
     };
     let (mut columns, mut gather) = (tables::Columns::default(), run::Gather::default());
@@ -232,7 +271,8 @@ fn finish(options: &Options, items: &[Item], journal: &Mutex<Journal>, before: u
     let count = |f: &dyn Fn(&Entry) -> bool| lines.iter().filter(|l| f(&l.1)).count();
     let verdict = |v| count(&|e| e.verdict == Some(v));
     let failed = count(&|e| e.failed);
-    let statistics = gather.finish().into_iter().map(|(column, statistics)| Column { column, statistics });
+    let statistics =
+        gather.finish().into_iter().map(|(column, statistics)| Column { column, statistics });
     let summary = Summary {
         pictures: lines.len(),
         new: lines.len().saturating_sub(before),
@@ -245,4 +285,96 @@ fn finish(options: &Options, items: &[Item], journal: &Mutex<Journal>, before: u
         files: ["results.jsonl", "results.csv", "results.parquet"].map(path).to_vec(),
     };
     Ok(summary)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn fake(item: &Item) -> Measured {
+        let n: u64 =
+            item.name.trim_start_matches('p').trim_end_matches(".png").parse().unwrap_or(0);
+        std::thread::sleep(Duration::from_micros(n * 7919 % 300));
+        assert_ne!(n, 13, "a bug in the measurement");
+        let result = match n % 10 {
+            0 => Err(Error::measure(&item.name, "no ring", "look")),
+            _ => Ok(json!({"distance_mm": n as f64 * 1e-3, "verdict": "pass"})
+                .as_object()
+                .cloned()
+                .unwrap_or_default()),
+        };
+        Measured { sha256: None, result }
+    }
+
+    fn go(
+        input: &Path,
+        out: &Path,
+        threads: usize,
+        resume: bool,
+        watch: Option<Watch>,
+    ) -> Result<Summary> {
+        let options = Options {
+            input: input.display().to_string(),
+            out: out.to_owned(),
+            threads,
+            resume,
+            retry_failed: false,
+            watch,
+        };
+        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {}, None)
+    }
+
+    fn pictures(folder: &Path, n: usize) {
+        for i in 0..n {
+            std::fs::write(folder.join(format!("p{i:03}.png")), b"BM-like bytes, not a picture")
+                .unwrap();
+        }
+    }
+
+    #[test]
+    fn the_same_bytes_come_out_at_any_thread_count_and_after_any_cut() {
+        let dir = tempfile::tempdir().unwrap();
+        let input = dir.path().join("in");
+        std::fs::create_dir(&input).unwrap();
+        pictures(&input, 60);
+        let read = |out: &Path| {
+            ["results.jsonl", "results.csv", "results.parquet"]
+                .map(|f| std::fs::read(out.join(f)).unwrap())
+        };
+        let one = dir.path().join("one");
+        let summary = go(&input, &one, 1, false, None).unwrap();
+        assert_eq!((summary.pictures, summary.failed, summary.pass), (60, 7, 53));
+        let whole = read(&one);
+        let four = dir.path().join("four");
+        go(&input, &four, 4, false, None).unwrap();
+        assert!(read(&four) == whole);
+        for cut in (0..whole[0].len()).step_by(501) {
+            std::fs::write(four.join("results.jsonl"), &whole[0][..cut]).unwrap();
+            let summary = go(&input, &four, 2, true, None).unwrap();
+            let kept = whole[0][..cut].iter().filter(|b| **b == b'\n').count();
+            assert_eq!((summary.pictures, summary.new), (60, 60 - kept));
+            assert!(read(&four) == whole, "cut at {cut}");
+        }
+        assert!(go(&input, &four, 1, false, None).unwrap_err().to_string().contains("--resume"));
+    }
+
+    #[test]
+    fn a_watched_folder_is_measured_as_pictures_come() {
+        let dir = tempfile::tempdir().unwrap();
+        let (input, out) = (dir.path().join("in"), dir.path().join("out"));
+        std::fs::create_dir(&input).unwrap();
+        let watch =
+            Watch { settle: Duration::from_millis(40), idle: Some(Duration::from_millis(900)) };
+        let summary = std::thread::scope(|scope| {
+            let run = scope.spawn(|| go(&input, &out, 2, false, Some(watch)));
+            for n in [3, 6, 9] {
+                std::thread::sleep(Duration::from_millis(150));
+                pictures(&input, n);
+            }
+            run.join().unwrap().unwrap()
+        });
+        assert_eq!(summary.pictures, 9);
+        let lines = std::fs::read_to_string(out.join("results.jsonl")).unwrap();
+        assert_eq!(lines.lines().count(), 9);
+    }
 }

@@ -63,7 +63,8 @@ pub fn run(
                 .lock()
                 .unwrap_or_else(std::sync::PoisonError::into_inner)
                 .append(&item.name, &line, failed, verdict)?;
-            let failed = failures.fetch_add(usize::from(failed), Ordering::Relaxed) + usize::from(failed);
+            let failed =
+                failures.fetch_add(usize::from(failed), Ordering::Relaxed) + usize::from(failed);
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
             progress(Progress { done, failed, total: items.len() });
             Ok(())
@@ -91,7 +92,9 @@ fn row(item: &Item, measured: Measured) -> (String, Option<Verdict>) {
 }
 
 /// Mean, spread and range of one column.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize, schemars::JsonSchema,
+)]
 pub struct Statistics {
     /// How many rows have it.
     pub n: usize,

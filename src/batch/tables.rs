@@ -31,7 +31,11 @@ impl Columns {
             self.kinds[i] = Some(match self.kinds[i] {
                 None => kind,
                 Some(old) if old == kind => kind,
-                Some(Kind::Integer | Kind::Double) if kind != Kind::Text && kind != Kind::Boolean => Kind::Double,
+                Some(Kind::Integer | Kind::Double)
+                    if kind != Kind::Text && kind != Kind::Boolean =>
+                {
+                    Kind::Double
+                }
                 Some(_) => Kind::Text,
             });
         }
@@ -51,7 +55,11 @@ impl Columns {
     }
 
     /// Writes the rows as Parquet. A column of whole numbers is INT64, of numbers DOUBLE, else text.
-    pub fn write_parquet(&self, path: &Path, rows: impl Iterator<Item = Result<Value>>) -> Result<()> {
+    pub fn write_parquet(
+        &self,
+        path: &Path,
+        rows: impl Iterator<Item = Result<Value>>,
+    ) -> Result<()> {
         let failed = |e| Error::io(path, "write", e);
         let kinds: Vec<Kind> = self.kinds.iter().map(|k| k.unwrap_or(Kind::Text)).collect();
         let columns = self.names.iter().cloned().zip(kinds.iter().copied()).collect();

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, envelope, history};
 use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
@@ -58,7 +58,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         return Err(Error::option("--out", "is missing", "name a folder for the results"));
     };
     let seconds = |option: &str, s: f64| {
-        Duration::try_from_secs_f64(s).map_err(|_| Error::option(option, format!("{s} is not a time"), "give seconds, zero or more"))
+        Duration::try_from_secs_f64(s).map_err(|_| {
+            Error::option(option, format!("{s} is not a time"), "give seconds, zero or more")
+        })
     };
     let watch = match args.watch {
         false => None,
@@ -84,6 +86,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let json = Value::Object(json);
     write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
+    if let Some(path) = &global.records {
+        let rows = batch::rows(&options.out)?;
+        history::keep_batch(path, job.command(), &options.out, &job.calib_path(), rows)?;
+    }
     let status = match &summary {
         s if s.failed > 0 => Status::SomeFailed,
         s if s.fail + s.undecided > 0 => Status::OutOfTolerance,
@@ -116,14 +122,23 @@ fn text(s: &Summary) -> String {
         s.pictures, s.measured, s.failed, s.new
     );
     if s.pass + s.fail + s.undecided > 0 {
-        let _ = writeln!(text, "verdicts: {} pass, {} fail, {} undecided", s.pass, s.fail, s.undecided);
+        let _ =
+            writeln!(text, "verdicts: {} pass, {} fail, {} undecided", s.pass, s.fail, s.undecided);
     }
     if !s.statistics.is_empty() {
         let width = s.statistics.iter().map(|c| c.column.len()).max().unwrap_or(0);
-        let _ = writeln!(text, "\n{:width$} {:>7} {:>11} {:>10} {:>11} {:>11}", "", "n", "mean", "sd", "min", "max");
+        let _ = writeln!(
+            text,
+            "\n{:width$} {:>7} {:>11} {:>10} {:>11} {:>11}",
+            "", "n", "mean", "sd", "min", "max"
+        );
         for c in &s.statistics {
             let v = &c.statistics;
-            let _ = writeln!(text, "{:width$} {:>7} {:>11.5} {:>10.5} {:>11.5} {:>11.5}", c.column, v.n, v.mean, v.sd, v.min, v.max);
+            let _ = writeln!(
+                text,
+                "{:width$} {:>7} {:>11.5} {:>10.5} {:>11.5} {:>11.5}",
+                c.column, v.n, v.mean, v.sd, v.min, v.max
+            );
         }
     }
     text.push('\n');
@@ -143,7 +158,12 @@ struct Bar<'g> {
 
 impl<'g> Bar<'g> {
     fn new(global: &'g Global) -> Self {
-        Self { global, terminal: std::io::stderr().is_terminal(), begun: Instant::now(), shown: Mutex::new(None) }
+        Self {
+            global,
+            terminal: std::io::stderr().is_terminal(),
+            begun: Instant::now(),
+            shown: Mutex::new(None),
+        }
     }
 
     fn show(&self, p: Progress) {
