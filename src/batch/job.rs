@@ -10,7 +10,8 @@ use super::limits::{self, Limit, Limits};
 use super::run::Measured;
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
-use crate::frame::Picture;
+use crate::frame::{Channel, Picture};
+use crate::measure::circles;
 use crate::{hash, tomlfile};
 
 /// A job as its file states it.
@@ -42,6 +43,9 @@ pub enum Method {
     Circles {
         /// Expected diameters.
         expect_mm: Vec<f64>,
+        /// Which part of colour pictures is measured.
+        #[serde(default)]
+        channel: Channel,
     },
 }
 
@@ -141,9 +145,15 @@ impl Prepared<'_> {
         let own = item.calib.as_ref().map(Calibration::read).transpose()?;
         let calibration = own.as_ref().unwrap_or(&self.calibration);
         let picture = Picture::decode(&item.path, bytes)?;
-        let _ = (calibration, &picture, &self.overlays);
-        let report = serde_json::json!({"size_px": [picture.size().0, picture.size().1]});
-        let Value::Object(mut result) = report else { return Ok(Map::new()) };
+        let report = match &self.job.measure {
+            Method::Circles { expect_mm, channel } => {
+                let options = circles::Options { expect_mm: expect_mm.clone(), channel: *channel };
+                serde_json::to_value(
+                    circles::measure(&picture, calibration, &options, &item.name)?.report,
+                )
+            }
+        };
+        let Ok(Value::Object(mut result)) = report else { return Ok(Map::new()) };
         if !self.job.limits.is_empty() {
             let judged = limits::judge(&self.job.limits, &result).map_err(|key| {
                 Error::measure(

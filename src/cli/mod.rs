@@ -2,11 +2,17 @@
 
 mod batch;
 mod config;
+mod export;
 mod history;
+mod machine;
 mod pages;
 mod regress;
 mod report;
+mod rtcp;
 mod schema;
+mod simulate;
+mod solve;
+mod verify;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -76,18 +82,17 @@ enum Command {
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
     Config(config::Args),
+    Export(export::Args),
     History(history::Args),
+    Machine(machine::Args),
     Man(pages::ManArgs),
     Regress(regress::Args),
     Report(report::Args),
+    Rtcp(rtcp::Args),
     Schema(schema::Args),
-}
-
-impl Command {
-    /// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
-    fn takes_out(&self) -> bool {
-        matches!(self, Self::Batch(_) | Self::Report(_) | Self::Man(_))
-    }
+    Simulate(simulate::Args),
+    Solve(solve::Args),
+    Verify(verify::Args),
 }
 
 /// What a command hands back: something to print, and how it went.
@@ -146,7 +151,7 @@ pub fn run() -> ExitCode {
     global.note(words.join(" "));
     let status = dispatch(&cli).and_then(|outcome| {
         history::keep(global, &words, &outcome)?;
-        let out = if cli.command.takes_out() { None } else { global.out.as_deref() };
+        let out = if takes_out(&cli.command) { None } else { global.out.as_deref() };
         print(global.format, out, outcome)
     });
     match status {
@@ -161,17 +166,28 @@ pub fn run() -> ExitCode {
     }
 }
 
+/// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
+fn takes_out(command: &Command) -> bool {
+    matches!(command, Command::Batch(_) | Command::Report(_) | Command::Man(_))
+}
+
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
         Command::Config(args) => config::run(args, global),
+        Command::Export(args) => export::run(args, global),
         Command::History(args) => history::run(args, global),
+        Command::Machine(args) => machine::run(args, global),
         Command::Man(args) => pages::man(args, global),
         Command::Regress(args) => regress::run(args, global),
         Command::Report(args) => report::run(args, global),
+        Command::Rtcp(args) => rtcp::run(args, global),
         Command::Schema(args) => schema::run(args),
+        Command::Simulate(args) => simulate::run(args, global),
+        Command::Solve(args) => solve::run(args, global),
+        Command::Verify(args) => verify::run(args, global),
     }
 }
 

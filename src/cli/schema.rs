@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::Outcome;
 use crate::error::{Error, Result};
+use crate::measure::circles;
 use crate::output::Document;
 use crate::{batch, regress, store};
 
@@ -32,8 +33,9 @@ struct Regress {
 type Make = fn(&mut SchemaGenerator) -> Schema;
 
 /// Every output with a schema. A new one is a line here.
-const SCHEMAS: [(&str, Make); 3] = [
+const SCHEMAS: &[(&str, Make)] = &[
     ("batch", |g| g.root_schema_for::<batch::Summary>()),
+    ("circles", |g| g.root_schema_for::<circles::Report>()),
     ("history", |g| g.root_schema_for::<History>()),
     ("regress", |g| g.root_schema_for::<Regress>()),
 ];

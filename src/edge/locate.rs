@@ -1,7 +1,9 @@
 //! Finds the edge in every sector by matching its profile with the profile common to all of them.
 //!
-//! Sector k is modelled as a_k + g_k T(d - δ_k): the common profile T, shifted by δ_k, on a level a_k and with a gain g_k. T, the
-//! levels and the shifts are found in turn. Levels and gains are held by priors around curves that vary
+//! Sector k is modelled as a_k + g_k T(x0 + (1 + s_k)(d - δ_k - x0)): the common profile T, shifted by δ_k, on a level a_k, with a gain
+//! g_k, and made steeper by s_k about the edge at x0 (focus and rims vary along a real edge, and a clipped
+//! profile then leans). T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
+//! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to: on a clean picture that reaches the
 //! Cramer-Rao bound (free levels would cost half of the information), on a textured one it lets them float.
 
@@ -39,6 +41,15 @@ pub struct EdgePoint {
     pub usable: bool,
 }
 
+impl Located {
+    /// Typical standard deviation of an edge point from pixel noise.
+    pub fn point_sd_px(&self) -> f64 {
+        let (variances, weights): (Vec<f64>, Vec<f64>) =
+            self.points.iter().map(|p| (p.variance_px2, f64::from(u8::from(p.usable)))).unzip();
+        median(&variances, &weights).sqrt()
+    }
+}
+
 /// All edges of a band.
 #[derive(Debug, Clone)]
 pub struct Located {
@@ -54,23 +65,29 @@ pub struct Located {
     pub coverage: f64,
 }
 
+/// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
+const LEAST_NOISE: f64 = 0.003;
+
 /// One sector's model.
 #[derive(Clone, Copy)]
 struct Match {
     level: f64,
     gain: f64,
     shift: f64,
+    stretch: f64,
     shift_variance: f64,
     level_variance: f64,
     gain_variance: f64,
+    stretch_variance: f64,
     misfit: f64,
 }
 
-/// Prior of a sector's level and gain: mean and variance.
+/// Prior of a sector's level, gain and stretch: mean and variance.
 #[derive(Clone, Copy)]
 struct Prior {
     level: (f64, f64),
     gain: (f64, f64),
+    stretch: (f64, f64),
 }
 
 /// One bin of a profile.
@@ -95,11 +112,15 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         return None;
     }
     let wide = 100.0 * range * range;
-    let mut priors = vec![Prior { level: (0.0, wide), gain: (1.0, 100.0) }; n];
+    let mut priors =
+        vec![Prior { level: (0.0, wide), gain: (1.0, 100.0), stretch: (0.0, 1e-4) }; n];
     let mut matches: Vec<Match> = Vec::new();
     let mut noise2 = (0.05 * range).powi(2);
     let curve = Curve::new(n, closed);
+    // Variance of the sectors' own shape at each node of the common profile.
+    let mut shape2 = vec![0.0; template.values.len()];
     for round in 0..options.rounds {
+        let edge_px = template.edge().distance_px;
         matches = (0..n)
             .map(|s| {
                 if alive[s] == 0.0 {
@@ -109,11 +130,19 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                     Some(m) if m.shift_variance.is_finite() => m.shift,
                     _ => search(&sectors[s], &template, profiles),
                 };
-                fit_sector(&sectors[s], &template, priors[s], noise2, start, profiles)
+                fit_sector(
+                    &sectors[s],
+                    &template,
+                    edge_px,
+                    priors[s],
+                    (noise2, &shape2),
+                    start,
+                    profiles,
+                )
             })
             .collect();
         let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
-        noise2 = median(&misfit, &alive).max(1e-12 * range * range);
+        let typical_misfit = median(&misfit, &alive);
         let gains: Vec<f64> = matches.iter().map(|m| m.gain).collect();
         let typical = median(&gains, &alive);
         for s in 0..n {
@@ -122,15 +151,20 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                 && m.shift_variance.is_finite()
                 && m.gain > options.least_gain * typical
                 && m.gain < 4.0 * typical
-                && m.misfit < options.worst_fit * noise2;
+                && m.misfit < options.worst_fit * typical_misfit;
             alive[s] = f64::from(u8::from(good || (round == 0 && enough(&sectors[s]))));
         }
         if alive.iter().sum::<f64>() < 6.0 {
             return None;
         }
-        update_priors(&mut priors, &matches, &alive, &curve, range);
+        noise2 = noise_and_shape(&mut shape2, &template, edge_px, &sectors, &matches, &alive)
+            .max(LEAST_NOISE * LEAST_NOISE * range * range);
+        if round == 0 {
+            shape2.fill(0.0);
+        }
+        update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if round + 1 < options.rounds {
-            rebuild(&mut template, &sectors, &matches, &alive, &curve, noise2);
+            rebuild(&mut template, edge_px, &sectors, &matches, &alive, &curve, (noise2, &shape2));
         }
     }
     let step = template.edge();
@@ -141,7 +175,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         .map(|((m, &a), &angle_rad)| EdgePoint {
             angle_rad,
             distance_px: step.distance_px + m.shift,
-            variance_px2: m.shift_variance * (0.5 * m.misfit / noise2).max(1.0),
+            variance_px2: m.shift_variance * (0.5 * m.misfit).max(1.0),
             usable: a > 0.0,
         })
         .collect();
@@ -153,6 +187,8 @@ const NO_MATCH: Match = Match {
     level: 0.0,
     gain: 0.0,
     shift: 0.0,
+    stretch: 0.0,
+    stretch_variance: f64::INFINITY,
     shift_variance: f64::INFINITY,
     level_variance: f64::INFINITY,
     gain_variance: f64::INFINITY,
@@ -229,34 +265,84 @@ fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> f64 {
     best.1
 }
 
-/// Gauss-Newton for one sector's level, gain and shift.
+/// Pixel noise (variance of one pixel), and how much the sectors' shapes differ from the common one, node by node.
+fn noise_and_shape(
+    shape2: &mut [f64],
+    template: &Template,
+    edge_px: f64,
+    sectors: &[Vec<Bin>],
+    matches: &[Match],
+    alive: &[f64],
+) -> f64 {
+    let n = shape2.len();
+    let mut sizes: Vec<Vec<f64>> = vec![Vec::new(); n];
+    let mut counts = vec![0.0; n];
+    for (s, bins) in sectors.iter().enumerate().filter(|(s, _)| alive[*s] > 0.0) {
+        let m = &matches[s];
+        for b in bins {
+            let from_edge = b.distance - m.shift - edge_px;
+            let t = template.at(edge_px + (1.0 + m.stretch) * from_edge).0;
+            let i = template.node(b.distance - m.shift);
+            sizes[i].push((b.value - m.level - m.gain * t).abs());
+            counts[i] += b.count;
+        }
+    }
+    // Residual variance per node, and the variance of one pixel that would explain it.
+    let spread: Vec<f64> = sizes
+        .iter()
+        .map(|list| {
+            let ones = vec![1.0; list.len()];
+            (1.4826 * median(list, &ones)).powi(2)
+        })
+        .collect();
+    let mut pixel: Vec<f64> = (0..n)
+        .filter(|&i| sizes[i].len() >= 12)
+        .map(|i| spread[i] * counts[i] / sizes[i].len() as f64)
+        .collect();
+    if pixel.is_empty() {
+        shape2.fill(0.0);
+        return 0.0;
+    }
+    pixel.sort_by(f64::total_cmp);
+    let noise2 = pixel[pixel.len() * 2 / 5];
+    for i in 0..n {
+        let mean_count = (counts[i] / sizes[i].len().max(1) as f64).max(1.0);
+        let excess = spread[i] - 1.6 * noise2 / mean_count;
+        shape2[i] = if sizes[i].len() >= 12 { excess.max(0.0) } else { 0.0 };
+    }
+    noise2
+}
+
+/// Gauss-Newton for one sector's level, gain, shift and stretch.
 fn fit_sector(
     bins: &[Bin],
     template: &Template,
+    edge_px: f64,
     prior: Prior,
-    noise2: f64,
+    (noise2, shape2): (f64, &[f64]),
     start: f64,
     profiles: &Profiles,
 ) -> Match {
-    use nalgebra::{Matrix3, Vector3};
+    use nalgebra::{Matrix4, Vector4};
     let reach = 0.5 * (profiles.band.inside_px + profiles.band.outside_px);
-    let mut p = Vector3::new(prior.level.0, prior.gain.0, start);
-    let mut inverse = Matrix3::zeros();
+    let mut p = Vector4::new(prior.level.0, prior.gain.0, start, prior.stretch.0);
+    let mut inverse = Matrix4::zeros();
     for _ in 0..8 {
-        let mut normal = Matrix3::<f64>::zeros();
-        let mut right = Vector3::<f64>::zeros();
+        let mut normal = Matrix4::<f64>::zeros();
+        let mut right = Vector4::<f64>::zeros();
         for b in bins {
-            let (t, slope) = template.at(b.distance - p[2]);
-            let row = Vector3::new(1.0, t, -p[1] * slope);
-            let w = b.count / noise2;
+            let from_edge = b.distance - p[2] - edge_px;
+            let (t, slope) = template.at(edge_px + (1.0 + p[3]) * from_edge);
+            let row = Vector4::new(1.0, t, -p[1] * slope * (1.0 + p[3]), p[1] * slope * from_edge);
+            let w = 1.0 / (noise2 / b.count + shape2[template.node(b.distance - p[2])]);
             let r = b.value - p[0] - p[1] * t;
             normal += row * row.transpose() * w;
             right += row * (w * r);
         }
-        normal[(0, 0)] += 1.0 / prior.level.1;
-        right[0] += (prior.level.0 - p[0]) / prior.level.1;
-        normal[(1, 1)] += 1.0 / prior.gain.1;
-        right[1] += (prior.gain.0 - p[1]) / prior.gain.1;
+        for (i, (mean, variance)) in [(0, prior.level), (1, prior.gain), (3, prior.stretch)] {
+            normal[(i, i)] += 1.0 / variance;
+            right[i] += (mean - p[i]) / variance;
+        }
         let Some(solved) = normal.try_inverse() else { return NO_MATCH };
         inverse = solved;
         let mut step = inverse * right;
@@ -264,6 +350,7 @@ fn fit_sector(
         let limit = 0.25 * reach;
         step[2] = step[2].clamp(-limit, limit);
         p += step;
+        p[3] = p[3].clamp(-0.6, 1.5);
         if p[2].abs() > reach || !p.iter().all(|v| v.is_finite()) {
             return NO_MATCH;
         }
@@ -271,23 +358,32 @@ fn fit_sector(
             break;
         }
     }
-    let mut misfit = 0.0;
-    for b in bins {
-        misfit += b.count * (b.value - p[0] - p[1] * template.at(b.distance - p[2]).0).powi(2);
-    }
+    let model = |b: &Bin| {
+        p[0] + p[1] * template.at(edge_px + (1.0 + p[3]) * (b.distance - p[2] - edge_px)).0
+    };
+    let misfit: f64 = bins
+        .iter()
+        .map(|b| {
+            let expected = noise2 / b.count + shape2[template.node(b.distance - p[2])];
+            (b.value - model(b)).powi(2) / expected
+        })
+        .sum();
     Match {
         level: p[0],
         gain: p[1],
         shift: p[2],
+        stretch: p[3],
         level_variance: inverse[(0, 0)],
         gain_variance: inverse[(1, 1)],
         shift_variance: inverse[(2, 2)],
-        misfit: misfit / (bins.len() as f64 - 3.0).max(1.0),
+        stretch_variance: inverse[(3, 3)],
+        misfit: misfit / (bins.len() as f64 - 4.0).max(1.0),
     }
 }
 
 /// Priors for the next round: curves through levels and gains, as wide as these scatter beyond their noise.
 fn update_priors(
+    round: usize,
     priors: &mut [Prior],
     matches: &[Match],
     alive: &[f64],
@@ -303,19 +399,32 @@ fn update_priors(
     let level_variance =
         beyond(level_sd, median(&of(|m| m.level_variance), alive), (1e-4 * range).powi(2));
     let gain_variance = beyond(gain_sd, median(&of(|m| m.gain_variance), alive), 1e-8);
+    let stretches = of(|m| m.stretch);
+    let (_, stretch_sd, _) = curve.fit_order(0, &stretches, alive);
+    // The first round has no stretch: a common profile must exist before sectors can differ from it.
+    let stretch_variance = if round == 0 {
+        0.09
+    } else {
+        beyond(stretch_sd, median(&of(|m| m.stretch_variance), alive), 1e-6)
+    };
     for (s, prior) in priors.iter_mut().enumerate() {
-        *prior = Prior { level: (levels[s], level_variance), gain: (gains[s], gain_variance) };
+        *prior = Prior {
+            level: (levels[s], level_variance),
+            gain: (gains[s], gain_variance),
+            stretch: (0.0, stretch_variance),
+        };
     }
 }
 
 /// The common profile again, from all usable sectors laid on top of each other.
 fn rebuild(
     template: &mut Template,
+    edge_px: f64,
     sectors: &[Vec<Bin>],
     matches: &[Match],
     alive: &[f64],
     curve: &Curve,
-    noise2: f64,
+    (noise2, shape2): (f64, &[f64]),
 ) {
     let shifts: Vec<f64> = matches.iter().map(|m| m.shift).collect();
     let noise: Vec<f64> = matches.iter().map(|m| m.shift_variance).collect();
@@ -332,7 +441,7 @@ fn rebuild(
         let m = &matches[s];
         let shift = smooth[s] + trust * (m.shift - smooth[s]);
         for b in bins {
-            let x = b.distance - shift;
+            let x = edge_px + (1.0 + m.stretch) * (b.distance - shift - edge_px);
             let place = (x - template.start_px) / template.step_px;
             let node = place.round();
             if node < 0.0 || node >= n as f64 {
@@ -340,9 +449,10 @@ fn rebuild(
             }
             let (old, slope) = template.at(x);
             let y = (b.value - m.level) / m.gain;
-            let r = (y - old) * m.gain * (b.count / noise2).sqrt();
-            let w = b.count * m.gain * m.gain * crate::fit::circle::tukey(r / 3.0);
             let i = node as usize;
+            let variance = noise2 / b.count + shape2[i];
+            let r = (y - old) * m.gain / variance.sqrt();
+            let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
             sum[i] += w * (y - slope * (place - node) * template.step_px);
             weight[i] += w;
         }

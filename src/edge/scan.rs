@@ -45,6 +45,37 @@ impl Profiles {
         self.angle_rad.len()
     }
 
+    /// The same with pairs of neighbouring sectors joined.
+    pub fn halved(&self) -> Self {
+        let sectors = self.sectors() / 2;
+        let bins = self.bins;
+        let mut joined = Self {
+            band: Band { sectors, ..self.band },
+            bins,
+            angle_rad: (0..sectors)
+                .map(|s| 0.5 * (self.angle_rad[2 * s] + self.angle_rad[2 * s + 1]))
+                .collect(),
+            count: vec![0.0; sectors * bins],
+            value: vec![0.0; sectors * bins],
+            distance_px: vec![0.0; sectors * bins],
+        };
+        for s in 0..sectors {
+            for b in 0..bins {
+                let (i, j, k) = (2 * s * bins + b, (2 * s + 1) * bins + b, s * bins + b);
+                let count = self.count[i] + self.count[j];
+                if count > 0.0 {
+                    joined.count[k] = count;
+                    joined.value[k] =
+                        (self.count[i] * self.value[i] + self.count[j] * self.value[j]) / count;
+                    joined.distance_px[k] = (self.count[i] * self.distance_px[i]
+                        + self.count[j] * self.distance_px[j])
+                        / count;
+                }
+            }
+        }
+        joined
+    }
+
     /// Distance of a bin's middle.
     pub fn bin_middle_px(&self, bin: usize) -> f64 {
         -self.band.inside_px + (bin as f64 + 0.5) * self.band.bin_px

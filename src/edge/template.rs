@@ -36,9 +36,10 @@ impl Template {
         (p1 + f * (c + f * (b + f * a)), (c + f * (2.0 * b + f * 3.0 * a)) / self.step_px)
     }
 
-    /// Distance of the last value.
-    pub fn end_px(&self) -> f64 {
-        self.start_px + self.step_px * (self.values.len() - 1) as f64
+    /// Index of the value nearest to a distance.
+    pub fn node(&self, distance_px: f64) -> usize {
+        let place = ((distance_px - self.start_px) / self.step_px).round().max(0.0);
+        (place as usize).min(self.values.len() - 1)
     }
 
     /// Smooths with a binomial kernel, `times` over.

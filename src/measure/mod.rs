@@ -1,3 +1,48 @@
 //! A picture (or captures) → a measurement.
 
+pub mod circles;
 pub mod ring;
+
+use serde::Serialize;
+
+use crate::uncertainty::k95;
+use ring::Ring;
+
+/// A measured circle as every output shows it.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct CircleReport {
+    /// Centre in the plane.
+    pub center_mm: [f64; 2],
+    /// Centre as it is seen in the picture.
+    pub center_px: [f64; 2],
+    /// Diameter.
+    pub diameter_mm: f64,
+    /// Half-widths of the centre's 95 % intervals.
+    pub center_u95_mm: [f64; 2],
+    /// Half-width of the diameter's 95 % interval.
+    pub diameter_u95_mm: f64,
+    /// Edge points used.
+    pub edge_points: usize,
+    /// Share of the circle on which the edge was found, 0..1.
+    pub arc_coverage: f64,
+    /// Root mean square of the edge's form deviation.
+    pub form_rms_mm: f64,
+}
+
+impl CircleReport {
+    /// The report of a measured ring.
+    pub fn of(ring: &Ring) -> Self {
+        let k = k95(ring.dof);
+        let u = |i: usize| k * ring.covariance[(i, i)].max(0.0).sqrt();
+        Self {
+            center_mm: ring.circle.center.into(),
+            center_px: ring.center_px.into(),
+            diameter_mm: 2.0 * ring.circle.radius,
+            center_u95_mm: [u(0), u(1)],
+            diameter_u95_mm: 2.0 * u(2),
+            edge_points: ring.edge_points,
+            arc_coverage: ring.arc_coverage,
+            form_rms_mm: ring.form_rms_mm,
+        }
+    }
+}

@@ -28,7 +28,8 @@ impl Search {
     /// Width of the band either side: wide enough to know both levels well (a band of ±3 softnesses costs a
     /// third of the accuracy), and for the edge to be anywhere within reach.
     fn band_px(&self) -> (f64, f64) {
-        let wide = (8.0 * self.softness_px).max(5.0) + self.reach_px;
+        let bb: f64 = std::env::var("BAND").ok().and_then(|s| s.parse().ok()).unwrap_or(8.0);
+        let wide = (bb * self.softness_px).max(bb * 5.0 / 8.0) + self.reach_px;
         (wide.min(self.inside_limit_px), wide.min(self.outside_limit_px))
     }
 }
@@ -94,7 +95,7 @@ pub struct Points {
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
 fn sectors_for(length_px: f64, softness_px: f64) -> usize {
-    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 2 * GROUPS)
+    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 5 * GROUPS)
 }
 
 /// The edge points about a rough circle. `None` where no edge can be located there.
@@ -108,8 +109,17 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         sectors: sectors_for(contour.length_px(), softness),
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
-    let profiles = read(frame, &contour, band, softness);
-    let located = locate(&profiles, contour.closed, LocateOptions::default())?;
+    let mut profiles = read(frame, &contour, band, softness);
+    // Faint edges need wider sectors: a point must be surer than the edge is soft.
+    let located = loop {
+        let located = locate(&profiles, contour.closed, LocateOptions::default());
+        let sure =
+            located.as_ref().is_some_and(|l| l.point_sd_px() < 0.2 * l.step.softness_px.max(0.7));
+        if sure || profiles.sectors() < 48 {
+            break located?;
+        }
+        profiles = profiles.halved();
+    };
     let mut points = Points {
         place_mm: Vec::new(),
         variance_mm2: Vec::new(),
@@ -211,7 +221,8 @@ fn finish(
         .zip(robust_weights(points))
         .zip(&points.place_mm)
         .map(|((robust, own), p)| {
-            let keep = *robust > 0.0 && about.distance(*p).abs() < 3.5 * fitted.scale;
+            let kk: f64 = std::env::var("KEEP").ok().and_then(|s| s.parse().ok()).unwrap_or(3.5);
+            let keep = (*robust > 0.0 || kk > 5.0) && about.distance(*p).abs() < kk * fitted.scale;
             if keep { own } else { 0.0 }
         })
         .collect();
@@ -263,7 +274,8 @@ pub fn group_rows(points: &Points, weights: &[f64], about: Circle) -> correlated
     for chunk in (0..n).collect::<Vec<_>>().chunks(size) {
         let (mut total, mut sum, mut at, mut spread) = (0.0, 0.0, Vector2::zeros(), 0.0);
         for &i in chunk {
-            let w = weights[i];
+            let w =
+                if std::env::var("FLAT").is_ok() && weights[i] > 0.0 { 1.0 } else { weights[i] };
             if w > 0.0 {
                 total += w;
                 sum += w * about.distance(points.place_mm[i]);
@@ -281,6 +293,9 @@ pub fn group_rows(points: &Points, weights: &[f64], about: Circle) -> correlated
         }
     }
     let mean = variance.iter().sum::<f64>() / variance.len().max(1) as f64;
+    if std::env::var("FLAT").is_ok() {
+        variance.iter_mut().for_each(|v| *v = mean);
+    }
     variance.iter_mut().for_each(|v| *v = v.max(0.05 * mean));
     correlated::Rows {
         design: DMatrix::from_row_slice(y.len(), 3, &design),

@@ -1,0 +1,74 @@
+//! `pivotsight machine`: what a machine file describes, in words and as a figure.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use crate::cli::{Global, Outcome, envelope};
+use crate::error::{Error, Result};
+use crate::machine::{Kinematics, Machine, Side, frames_svg};
+use crate::output::{Document, write_whole};
+
+/// Checks a machine file and shows its axes from the work to the tool
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The machine file
+    #[arg(value_name = "MACHINE.toml")]
+    machine: PathBuf,
+    /// Draw the frames and vectors of a head B / table C machine as SVG
+    #[arg(long, value_name = "SVG")]
+    figure: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, _global: &Global) -> Result<Outcome> {
+    let machine = Machine::read(&args.machine)?;
+    let chain = machine.chain()?;
+    if let Some(path) = &args.figure {
+        if machine.kinematics != Kinematics::default() {
+            let fix = "leave --figure out";
+            return Err(Error::option("--figure", "draws head B / table C machines only", fix));
+        }
+        write_whole(path, frames_svg(&machine).as_bytes())?;
+    }
+    let mut table = format!("{} ({})\n", machine.name, machine.kinematics.order);
+    let mut axes = Vec::new();
+    for axis in chain.axes() {
+        let rotary = axis.name.is_rotary();
+        let side = if axis.side == Side::Head { "tool" } else { "work" };
+        // Adding zero turns -0 into 0.
+        let [d, p] = [axis.direction(), axis.point_mm()].map(|v| v.add_scalar(0.0));
+        let limits = axis.limits.map(|v| if rotary { v.to_degrees() } else { v });
+        let unit = if rotary { "deg" } else { "mm" };
+        let _ = write!(
+            table,
+            "{}  moves the {side} along ({:.4}, {:.4}, {:.4})",
+            axis.name, d.x, d.y, d.z
+        );
+        if rotary {
+            let _ = write!(
+                table,
+                " through ({:.4}, {:.4}, {:.4}) mm, sense {:+.0}",
+                p.x, p.y, p.z, axis.sense
+            );
+        }
+        if limits.iter().all(|v| v.is_finite()) {
+            let _ = write!(table, ", {:.3} to {:.3} {unit}", limits[0], limits[1]);
+        }
+        table.push('\n');
+        let finite = |v: f64| if v.is_finite() { json!(v) } else { Value::Null };
+        axes.push(json!({"name": axis.name.to_string(), "carries": side, "direction": [d.x, d.y, d.z],
+            "point_mm": if rotary { json!([p.x, p.y, p.z]) } else { Value::Null }, "sense": axis.sense,
+            "limits": limits.map(finite), "limits_unit": unit}));
+    }
+    for effect in &machine.effects {
+        let _ = writeln!(table, "effect {}: {:?}", effect.name, effect.parameters);
+    }
+    let mut map = envelope("machine", &args.machine, &[]);
+    map.insert("name".into(), json!(machine.name));
+    map.insert("order".into(), json!(machine.kinematics.order));
+    map.insert("axes".into(), axes.into());
+    map.insert("effects".into(), json!(machine.effects));
+    Ok(Outcome::good(Document::single(Value::Object(map), table)))
+}

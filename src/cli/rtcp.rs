@@ -1,0 +1,180 @@
+//! `pivotsight rtcp inverse|forward`: poses through the machine's kinematics.
+
+use std::path::PathBuf;
+
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+
+use crate::cli::{Global, Outcome, envelope};
+use crate::error::{Error, Result};
+use crate::machine::{AxisName, Chain, Machine, ToolPose};
+use crate::output::{Document, Format};
+use crate::table::Table;
+
+/// Turns tool points into machine coordinates (inverse) or back (forward)
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Which way
+    #[arg(value_enum)]
+    way: Way,
+    /// The machine file
+    #[arg(long, value_name = "FILE")]
+    machine: PathBuf,
+    /// CSV with x_mm,y_mm,z_mm and the two rotary axes such as b_deg,c_deg; for inverse also
+    /// x_mm,y_mm,z_mm and the tool's direction i,j,k, which gives all solutions
+    #[arg(long, value_name = "FILE")]
+    poses: PathBuf,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Way {
+    /// Tool points in the table frame → machine coordinates that hold them there
+    Inverse,
+    /// Machine coordinates → tool points in the table frame
+    Forward,
+}
+
+/// The answer: rows under their columns' names.
+struct Poses {
+    names: Vec<String>,
+    rows: Vec<Row>,
+    warnings: Vec<String>,
+}
+
+/// Counts, then numbers, then a note.
+struct Row {
+    counts: Vec<usize>,
+    numbers: Vec<f64>,
+    note: Option<String>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let chain = Machine::read(&args.machine)?.chain()?;
+    let rotary = chain.rotary_names().map(column);
+    let optional = [rotary[0].as_str(), &rotary[1], "i", "j", "k"];
+    let table = Table::read(&args.poses, &["x_mm", "y_mm", "z_mm"], &optional)?;
+    let directed = args.way == Way::Inverse && table.has("i");
+    let needed = if directed { &optional[2..] } else { &optional[..2] };
+    for name in &optional {
+        let (reason, fix) = match (needed.contains(name), table.has(name)) {
+            (true, false) => ("is missing", "add the column"),
+            (false, true) => ("does not go with the others", "give b_deg,c_deg or i,j,k, not both"),
+            _ => continue,
+        };
+        let field = format!("column '{name}'");
+        return Err(Error::field(&args.poses, Some(1), field, reason, fix));
+    }
+    let poses = if directed {
+        all_solutions(&chain, &table, &rotary)?
+    } else {
+        one_by_one(&chain, &table, &rotary, args.way)?
+    };
+    poses.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+
+    // Poses are a table by nature: people get the CSV too, with nine decimals.
+    let mut csv = poses.names.join(",") + "\n";
+    let mut objects = Vec::with_capacity(poses.rows.len());
+    for Row { counts, numbers, note } in poses.rows {
+        let mut cells: Vec<String> = counts.iter().map(ToString::to_string).collect();
+        cells.extend(numbers.iter().map(|v| format!("{v:.9}")));
+        cells.extend(note.clone());
+        csv += &cells.join(",");
+        csv.push('\n');
+        let values: Vec<Value> = if global.format == Format::Csv {
+            cells.into_iter().map(Value::String).collect()
+        } else {
+            let counts = counts.iter().map(|&n| json!(n));
+            counts.chain(numbers.iter().map(|&v| json!(v))).chain(note.map(Value::String)).collect()
+        };
+        objects.push(Value::Object(poses.names.iter().cloned().zip(values).collect()));
+    }
+    let word = if args.way == Way::Inverse { "inverse" } else { "forward" };
+    let input = json!({"machine": args.machine, "poses": args.poses, "way": word});
+    let mut json = envelope("rtcp", input, &poses.warnings);
+    json.insert("poses".into(), Value::Array(objects.clone()));
+    Ok(Outcome::good(Document { json: Value::Object(json), rows: objects, table: csv }))
+}
+
+/// The rotary axes are given: one answer a pose.
+fn one_by_one(chain: &Chain, table: &Table, rotary: &[String; 2], way: Way) -> Result<Poses> {
+    let output = match way {
+        Way::Inverse => ["jx_mm", "jy_mm", "jz_mm"],
+        Way::Forward => ["px_mm", "py_mm", "pz_mm"],
+    };
+    let input = ["x_mm", "y_mm", "z_mm", &rotary[0], &rotary[1]];
+    let mut rows = Vec::with_capacity(table.rows());
+    let mut outside = 0;
+    for r in 0..table.rows() {
+        let mut pose = [0.0; 5];
+        for (value, name) in pose.iter_mut().zip(input) {
+            *value = table.number(r, name)?;
+        }
+        let [x, y, z, a, b] = pose;
+        let turned = [a.to_radians(), b.to_radians()];
+        let (joints, result) = match way {
+            Way::Inverse => {
+                let q = chain.inverse_at(&Vector3::new(x, y, z), turned);
+                (q, [q[0], q[1], q[2]])
+            }
+            Way::Forward => {
+                let q = [x, y, z, turned[0], turned[1]];
+                (q, chain.forward(&q).position_mm.into())
+            }
+        };
+        outside += usize::from(chain.outside(&joints).is_some());
+        let numbers = pose.into_iter().chain(result).collect();
+        rows.push(Row { counts: Vec::new(), numbers, note: None });
+    }
+    let mut warnings = Vec::new();
+    if outside > 0 {
+        warnings.push(format!("{outside} of {} poses lie outside the axes' limits", rows.len()));
+    }
+    let names = input.into_iter().chain(output).map(str::to_owned).collect();
+    Ok(Poses { names, rows, warnings })
+}
+
+/// The tool's direction is given: a row for each solution, with the turns nearest to the last pose's.
+fn all_solutions(chain: &Chain, table: &Table, rotary: &[String; 2]) -> Result<Poses> {
+    let given = ["x_mm", "y_mm", "z_mm", "i", "j", "k"];
+    let mut rows = Vec::new();
+    let mut unreachable = 0;
+    let mut near = [0.0; 5];
+    for r in 0..table.rows() {
+        let mut pose = [0.0; 6];
+        for (value, name) in pose.iter_mut().zip(given) {
+            *value = table.number(r, name)?;
+        }
+        let [x, y, z, i, j, k] = pose;
+        let direction = Vector3::new(i, j, k);
+        if direction.norm() < 1e-9 {
+            let fix = "give the tool's direction, from the tool point up the tool";
+            return Err(table.error(r, "i", "i, j, k are all zero", fix));
+        }
+        let position_mm = Vector3::new(x, y, z);
+        let solutions = chain.inverse(&ToolPose { position_mm, direction }, &near);
+        unreachable += usize::from(solutions.is_empty());
+        near = solutions.first().map_or(near, |s| s.joints);
+        for (n, s) in solutions.iter().enumerate() {
+            let [jx, jy, jz, a, b] = s.joints;
+            let numbers = vec![jx, jy, jz, a.to_degrees(), b.to_degrees()];
+            let mut notes: Vec<String> = s.singularity.iter().map(ToString::to_string).collect();
+            notes.extend(s.outside.map(|axis| format!("{axis} outside its limits")));
+            rows.push(Row { counts: vec![r + 1, n + 1], numbers, note: Some(notes.join("; ")) });
+        }
+    }
+    let mut warnings = Vec::new();
+    if unreachable > 0 {
+        let all = table.rows();
+        warnings
+            .push(format!("{unreachable} of {all} directions are out of the rotary axes' reach"));
+    }
+    let [a, b] = rotary;
+    let names = ["pose", "solution", "jx_mm", "jy_mm", "jz_mm", a, b, "note"];
+    Ok(Poses { names: names.map(str::to_owned).to_vec(), rows, warnings })
+}
+
+/// The column of a rotary axis: `b_deg`.
+fn column(axis: AxisName) -> String {
+    format!("{}_deg", axis.letter().to_ascii_lowercase())
+}

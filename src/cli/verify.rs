@@ -1,0 +1,177 @@
+//! `pivotsight verify`: a measured RTCP sweep against the machine model, or the sweep to measure.
+
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+
+use crate::cli::{Global, Outcome, Status, envelope};
+use crate::error::{Error, Result};
+use crate::machine::Machine;
+use crate::output::{Document, create_folder, write_whole};
+use crate::rtcp::export::Control;
+use crate::rtcp::plan;
+use crate::rtcp::sweep::{Size, Sweep};
+use crate::rtcp::verify::{Options, figure, verify};
+use crate::uncertainty::{K95, Verdict};
+
+/// Compares a measured RTCP sweep with the machine model, or suggests the sweep to measure
+#[derive(Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("task").required(true).args(["data", "plan"])))]
+pub struct Args {
+    /// The machine file
+    #[arg(long, value_name = "FILE")]
+    machine: PathBuf,
+    /// The measured sweep: b_deg,c_deg,dx_mm,dy_mm,dz_mm
+    #[arg(long, value_name = "CSV")]
+    data: Option<PathBuf>,
+    /// The machine file whose values the control held during the sweep; the machine's own where
+    /// left out
+    #[arg(long, value_name = "FILE", requires = "data")]
+    now: Option<PathBuf>,
+    /// Largest deviation allowed
+    #[arg(long, value_name = "MM", default_value_t = 0.015)]
+    tolerance_mm: f64,
+    /// Standard uncertainty of a measured component
+    #[arg(long, value_name = "MM", default_value_t = 0.001)]
+    noise_mm: f64,
+    /// Write a plot per axis into this folder
+    #[arg(long, value_name = "DIR", requires = "data")]
+    report: Option<PathBuf>,
+    /// Write the sweep to measure into this folder, as poses.csv and sweep.nc
+    #[arg(long, value_name = "DIR")]
+    plan: Option<PathBuf>,
+    /// With --plan: the control the program is for
+    #[arg(long, value_enum, default_value = "siemens", requires = "plan")]
+    control: Control,
+    /// With --plan: number of different poses
+    #[arg(long, value_name = "N", default_value_t = 40, requires = "plan")]
+    poses: usize,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let machine = Machine::read(&args.machine)?;
+    match (&args.data, &args.plan) {
+        (Some(data), _) => compare(args, &machine, data, global),
+        (None, Some(folder)) => suggest(args, &machine, folder),
+        (None, None) => Err(Error::option("verify", "needs --data or --plan", "give one")),
+    }
+}
+
+fn suggest(args: &Args, machine: &Machine, folder: &Path) -> Result<Outcome> {
+    let Some(target) = machine.target else {
+        let fix =
+            "say where the target stands: [target] position_mm = [x, y, z] in the table frame";
+        return Err(Error::field(&args.machine, None, "target", "is missing", fix));
+    };
+    if !(4..=10_000).contains(&args.poses) {
+        return Err(Error::option("--poses", format!("is {}", args.poses), "give 4 to 10000"));
+    }
+    let plan = plan::poses(&machine.chain()?, args.poses);
+    create_folder(folder)?;
+    let files = [
+        ("poses.csv", plan::csv(&plan)),
+        ("sweep.nc", plan::gcode(&plan, target.position_mm, args.control)),
+    ];
+    let mut table = format!("{} poses, {} of them repeats\n", plan.len(), plan.len() - args.poses);
+    for (name, text) in &files {
+        write_whole(folder.join(name), text.as_bytes())?;
+        let _ = writeln!(table, "{}", folder.join(name).display());
+    }
+    let mut map = envelope("verify", &args.machine, &[]);
+    map.insert("poses".into(), json!(plan.len()));
+    map.insert("files".into(), files.iter().map(|(n, _)| json!(folder.join(n))).collect());
+    Ok(Outcome::good(Document::single(Value::Object(map), table)))
+}
+
+fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Result<Outcome> {
+    for (option, value) in [("--tolerance-mm", args.tolerance_mm), ("--noise-mm", args.noise_mm)] {
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(Error::option(option, format!("is {value}"), "give a length in mm"));
+        }
+    }
+    let real = machine.chain()?;
+    let control = match &args.now {
+        Some(path) => Machine::read(path)?.chain()?,
+        None => real.clone(),
+    };
+    let sweep = Sweep::read_measured(data)?;
+    let measured = sweep.deviation_mm.clone().unwrap_or_default();
+    if measured.len() < 4 {
+        let fix = "measure more poses (verify --plan suggests them)";
+        return Err(Error::file(data, "has fewer than four poses", fix));
+    }
+    let options = Options {
+        tolerance_mm: args.tolerance_mm,
+        noise_mm: args.noise_mm,
+        corrected: args.now.is_some(),
+    };
+    let report = verify(&control, &real, &machine.target_point(), &sweep, &measured, options);
+    let mut warnings = Vec::new();
+    if !machine.effects.is_empty() {
+        warnings.push("the model's effects are not part of this comparison".to_owned());
+    }
+    warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let plot = args
+        .report
+        .as_ref()
+        .map(|folder| figure(&sweep, &report, args.noise_mm).write(folder, "sweep"))
+        .transpose()?;
+
+    let rows: Vec<Value> = (0..measured.len())
+        .map(|i| {
+            let list = |d: &Vector3<f64>| json!([d.x, d.y, d.z]);
+            json!({"b_deg": sweep.rotary_rad[i][0].to_degrees(), "c_deg": sweep.rotary_rad[i][1].to_degrees(),
+                   "measured_mm": list(&report.measured[i]), "predicted_mm": list(&report.predicted[i]),
+                   "left_mm": list(&report.rest[i])})
+        })
+        .collect();
+    let input = json!({"machine": args.machine, "data": data, "now": args.now});
+    let mut map = envelope("verify", input, &warnings);
+    map.insert("poses".into(), json!(measured.len()));
+    map.insert("before".into(), json!(report.before));
+    map.insert("after".into(), json!(report.after));
+    let offset: [f64; 3] = report.target_offset_mm.into();
+    map.insert("target_offset_mm".into(), json!(offset));
+    map.insert("judged".into(), json!(if options.corrected { "after" } else { "before" }));
+    map.insert("worst_u95_mm".into(), json!(K95 * args.noise_mm));
+    map.insert("tolerance_mm".into(), json!(args.tolerance_mm));
+    map.insert("verdict".into(), json!(report.verdict));
+    map.insert("plot".into(), json!(plot));
+    map.insert("rows".into(), rows.clone().into());
+
+    let mut table =
+        format!("{} poses          rms      x        y        z    worst, mm\n", measured.len());
+    let mut line = |name: &str, s: &Size| {
+        let [x, y, z] = s.rms_xyz_mm;
+        let _ = writeln!(
+            table,
+            "{name:<12} {:8.4} {x:8.4} {y:8.4} {z:8.4} {:8.4}",
+            s.rms_mm, s.worst_mm
+        );
+    };
+    line("measured", &report.before);
+    line("predicted", &Size::of(&report.predicted));
+    line("left", &report.after);
+    let _ = writeln!(
+        table,
+        "largest deviation {} {} mm: {}",
+        if options.corrected {
+            "left once the machine's values are in the control, limit"
+        } else {
+            "measured, limit"
+        },
+        args.tolerance_mm,
+        report.verdict
+    );
+    if let Some(path) = plot {
+        let _ = writeln!(table, "plot: {}", path.display());
+    }
+    let good = report.verdict == Verdict::Pass;
+    Ok(Outcome {
+        document: Some(Document { json: Value::Object(map), rows, table }),
+        status: if good { Status::Good } else { Status::OutOfTolerance },
+    })
+}

@@ -1,0 +1,117 @@
+//! The reduced picture in which circles are looked for, blurred at a few scales.
+
+use nalgebra::Vector2;
+
+use crate::frame::{Frame, Gray};
+
+/// The reduced picture's longer side, about.
+const SIDE_PX: usize = 420;
+/// Blurs (standard deviations in reduced pixels) at which gradients are taken: sharp, soft and very soft edges.
+const BLURS: [f64; 3] = [1.0, 2.2, 5.0];
+
+/// A reduced picture, blurred at several scales.
+#[derive(Debug, Clone)]
+pub struct Look {
+    /// How many pixels of the full picture make one here.
+    pub factor: usize,
+    /// The blurred pictures with their blur, sharpest first.
+    pub scales: Vec<(f64, Gray<f32>)>,
+    /// Typical random difference of neighbouring pixels at the sharpest scale, counts.
+    pub noise: f64,
+}
+
+impl Look {
+    /// Reduces and blurs.
+    pub fn new(frame: &Frame) -> Self {
+        let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).max(1);
+        let base = frame.reduce(factor);
+        let noise = texture(&base);
+        let scales = BLURS.iter().map(|&b| (b, blur(&base, b))).collect();
+        Self { factor, scales, noise }
+    }
+
+    /// Full-picture pixel → reduced pixel.
+    pub fn reduced(&self, p: Vector2<f64>) -> Vector2<f64> {
+        let k = self.factor as f64;
+        (p - Vector2::repeat((k - 1.0) / 2.0)) / k
+    }
+
+    /// Reduced pixel → full-picture pixel.
+    pub fn full(&self, p: Vector2<f64>) -> Vector2<f64> {
+        let k = self.factor as f64;
+        p * k + Vector2::repeat((k - 1.0) / 2.0)
+    }
+
+    /// Width and height of the reduced picture.
+    pub fn size(&self) -> (usize, usize) {
+        (self.scales[0].1.width, self.scales[0].1.height)
+    }
+}
+
+/// Bilinear value; `None` outside the picture.
+pub(super) fn value_at(image: &Gray<f32>, x: f64, y: f64) -> Option<f32> {
+    if !(x >= 0.0 && y >= 0.0 && x < (image.width - 1) as f64 && y < (image.height - 1) as f64) {
+        return None;
+    }
+    let (i, j) = (x as usize, y as usize);
+    let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
+    let at = j * image.width + i;
+    let d = &image.data;
+    let top = d[at] + fx * (d[at + 1] - d[at]);
+    let low = d[at + image.width] + fx * (d[at + image.width + 1] - d[at + image.width]);
+    Some(top + fy * (low - top))
+}
+
+/// Gaussian blur in two passes, edges repeated.
+pub(crate) fn blur(image: &Gray<f32>, sd: f64) -> Gray<f32> {
+    let reach = (3.0 * sd).ceil() as usize;
+    let mut kernel: Vec<f32> = (0..=2 * reach)
+        .map(|i| (-0.5 * ((i as f64 - reach as f64) / sd).powi(2)).exp() as f32)
+        .collect();
+    let sum: f32 = kernel.iter().sum();
+    kernel.iter_mut().for_each(|k| *k /= sum);
+    let (w, h) = (image.width, image.height);
+    let mut across = vec![0.0f32; w * h];
+    let mut padded = vec![0.0f32; w + 2 * reach];
+    for v in 0..h {
+        let row = image.row(v);
+        padded[..reach].fill(row[0]);
+        padded[reach..reach + w].copy_from_slice(row);
+        padded[reach + w..].fill(row[w - 1]);
+        let out = &mut across[v * w..(v + 1) * w];
+        for (i, k) in kernel.iter().enumerate() {
+            for (o, p) in out.iter_mut().zip(&padded[i..i + w]) {
+                *o += k * p;
+            }
+        }
+    }
+    let mut data = vec![0.0f32; w * h];
+    for v in 0..h {
+        let out = &mut data[v * w..(v + 1) * w];
+        for (i, k) in kernel.iter().enumerate() {
+            let from = (v + i).saturating_sub(reach).min(h - 1);
+            for (o, p) in out.iter_mut().zip(&across[from * w..(from + 1) * w]) {
+                *o += k * p;
+            }
+        }
+    }
+    Gray { width: w, height: h, data }
+}
+
+/// Robust standard deviation of second differences, scaled to that of one pixel.
+fn texture(image: &Gray<f32>) -> f64 {
+    let mut list: Vec<f32> = Vec::new();
+    let step = (image.data.len() / 20_000).max(1);
+    for v in 1..image.height.saturating_sub(1) {
+        let row = image.row(v);
+        for u in (1..image.width.saturating_sub(1)).step_by(step) {
+            list.push((2.0 * row[u] - row[u - 1] - row[u + 1]).abs());
+        }
+    }
+    if list.is_empty() {
+        return 0.0;
+    }
+    let middle = list.len() / 2;
+    let median = f64::from(*list.select_nth_unstable_by(middle, f32::total_cmp).1);
+    1.4826 * median / 6.0f64.sqrt()
+}

@@ -1,0 +1,78 @@
+//! Where the circles are, roughly: with no hint but the picture, good to a pixel or two of the reduced picture.
+//!
+//! 1. [`Look`]: a reduced picture and its gradients at a few scales.
+//! 2. `votes`: every gradient votes along its line; circles, concentric ones above all, pile up at their centres.
+//! 3. `rays`: rays from each peak tell the radii at which most directions see an edge of the same sense.
+
+mod look;
+mod rays;
+mod votes;
+
+pub use look::Look;
+
+use nalgebra::Vector2;
+
+use crate::fit::Circle;
+use crate::frame::Frame;
+
+/// What to look for.
+#[derive(Debug, Clone, Copy)]
+pub struct Options {
+    /// Smallest radius of interest, px of the full picture.
+    pub least_radius_px: f64,
+    /// Largest radius of interest, px of the full picture.
+    pub most_radius_px: f64,
+    /// Where the centre may be: everywhere, or within a distance of a place (px of the full picture).
+    pub near: Option<(Vector2<f64>, f64)>,
+    /// Least share of the circle that must show an edge of the same sense.
+    pub least_coverage: f64,
+    /// How many centres are looked into.
+    pub centers: usize,
+}
+
+/// A circle seen in the picture, px of the full picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Candidate {
+    /// Centre and radius.
+    pub circle: Circle,
+    /// Median step across the edge, outside minus inside, counts.
+    pub step: f64,
+    /// Share of all directions that show the edge.
+    pub coverage: f64,
+    /// Softness of the edge (standard deviation), px; no better than the reduced picture allows.
+    pub softness_px: f64,
+    /// Scatter of the edge about the circle, px.
+    pub scatter_px: f64,
+    /// Coverage times the root of the step's size over noise: what candidates are ranked by.
+    pub score: f64,
+}
+
+/// Circles in the picture, best first.
+pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
+    let mut found: Vec<Candidate> = Vec::new();
+    for center in votes::centers(look, options) {
+        for candidate in rays::circles_about(look, center, options) {
+            let twin = found.iter_mut().find(|c| same(c, &candidate));
+            match twin {
+                Some(old) if old.score < candidate.score => *old = candidate,
+                Some(_) => {}
+                None => found.push(candidate),
+            }
+        }
+    }
+    found.sort_by(|a, b| b.score.total_cmp(&a.score));
+    found
+}
+
+/// Whether two candidates are one circle seen twice.
+fn same(a: &Candidate, b: &Candidate) -> bool {
+    let near = 0.04 * a.circle.radius.min(b.circle.radius) + 4.0;
+    (a.circle.center - b.circle.center).norm() < 2.0 * near
+        && (a.circle.radius - b.circle.radius).abs() < near
+        && a.step.signum() == b.step.signum()
+}
+
+/// A reduced picture of `frame` for finding circles.
+pub fn look(frame: &Frame) -> Look {
+    Look::new(frame)
+}

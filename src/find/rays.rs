@@ -1,0 +1,254 @@
+//! Rays from a likely centre: at which radii do most directions see an edge of the same sense?
+
+use nalgebra::Vector2;
+
+use crate::find::look::{Look, value_at};
+use crate::find::{Candidate, Options};
+use crate::fit::Circle;
+use crate::fit::circle;
+
+/// Directions looked into.
+const RAYS: usize = 96;
+/// Circles taken from one centre and scale.
+const CIRCLES: usize = 8;
+
+/// Slopes along rays: `slope[ray][radius]`, NaN outside the picture.
+struct Rays {
+    slope: Vec<Vec<f32>>,
+    length: usize,
+}
+
+/// Circles about a centre (reduced pixels).
+pub(super) fn circles_about(look: &Look, center: Vector2<f64>, options: Options) -> Vec<Candidate> {
+    let k = look.factor as f64;
+    let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
+    let mut found = Vec::new();
+    for scale in 0..look.scales.len() {
+        let rays = Rays::cast(look, scale, center, far + 4.0);
+        for (radius, sense) in rays.radii(near, far, look.scales[scale].0) {
+            found.extend(refine(look, scale, Circle { center, radius }, sense, options));
+        }
+    }
+    found
+}
+
+impl Rays {
+    fn cast(look: &Look, scale: usize, center: Vector2<f64>, far: f64) -> Self {
+        let image = &look.scales[scale].1;
+        let length = far.ceil() as usize + 2;
+        let slope = (0..RAYS)
+            .map(|i| {
+                let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
+                let (s, c) = t.sin_cos();
+                let at = |r: f64| value_at(image, center.x + r * c, center.y + r * s);
+                let values: Vec<f32> =
+                    (0..=length + 1).map(|r| at(r as f64).unwrap_or(f32::NAN)).collect();
+                (0..=length)
+                    .map(|r| if r == 0 { f32::NAN } else { 0.5 * (values[r + 1] - values[r - 1]) })
+                    .collect()
+            })
+            .collect();
+        Self { slope, length }
+    }
+
+    /// Radii and senses at which edges agree over the directions.
+    fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64)> {
+        // Typical slope anywhere on the rays: what an edge is measured against.
+        let mut sizes: Vec<f32> =
+            self.slope.iter().flatten().filter(|v| v.is_finite()).map(|v| v.abs()).collect();
+        if sizes.len() < RAYS {
+            return Vec::new();
+        }
+        let middle = sizes.len() / 2;
+        let typical = sizes.select_nth_unstable_by(middle, f32::total_cmp).1.max(1e-6);
+        let agree: Vec<f64> = (0..=self.length)
+            .map(|r| {
+                let (mut sum, mut n) = (0.0f64, 0.0);
+                for ray in &self.slope {
+                    // The edge may be a little nearer or farther in this direction.
+                    let window = r.saturating_sub(2)..=(r + 2).min(self.length);
+                    let best = window.map(|i| ray[i]).filter(|v| v.is_finite()).fold(
+                        None,
+                        |m: Option<f32>, v| match m {
+                            Some(m) if m.abs() >= v.abs() => Some(m),
+                            _ => Some(v),
+                        },
+                    );
+                    if let Some(v) = best {
+                        n += 1.0;
+                        sum += f64::from((v / (4.0 * typical)).clamp(-1.0, 1.0));
+                    }
+                }
+                if n >= 0.15 * RAYS as f64 { sum / n * (n / RAYS as f64).sqrt() } else { 0.0 }
+            })
+            .collect();
+        let mut list: Vec<(f64, f64, f64)> = Vec::new();
+        for r in 1..self.length {
+            let v = agree[r].abs();
+            let inside = (r as f64) >= near * 0.8 && (r as f64) <= far * 1.1;
+            if inside && v > 0.2 && v >= agree[r - 1].abs() && v > agree[r + 1].abs() {
+                list.push((v, r as f64, agree[r].signum()));
+            }
+        }
+        list.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut kept: Vec<(f64, f64)> = Vec::new();
+        for (_, r, s) in list {
+            if kept.len() < CIRCLES
+                && kept.iter().all(|(q, t)| (q - r).abs() > 2.0 + blur || t != &s)
+            {
+                kept.push((r, s));
+            }
+        }
+        kept
+    }
+}
+
+/// A circle through the edges near a rough one. Converges from a few pixels away.
+fn refine(
+    look: &Look,
+    scale: usize,
+    rough: Circle,
+    sense: f64,
+    options: Options,
+) -> Option<Candidate> {
+    let (blur, image) = (&look.scales[scale].0, &look.scales[scale].1);
+    let k = look.factor as f64;
+    let mut guess = rough;
+    let mut window = (0.15 * rough.radius).clamp(3.0, 10.0) + blur;
+    let mut result = None;
+    for _ in 0..6 {
+        let mut points = Vec::new();
+        let mut slopes = Vec::new();
+        let mut visible = 0.0;
+        let rays = ((guess.radius * 3.0) as usize).clamp(32, 180);
+        for i in 0..rays {
+            let t = std::f64::consts::TAU * i as f64 / rays as f64;
+            let (s, c) = t.sin_cos();
+            let at = |r: f64| value_at(image, guess.center.x + r * c, guess.center.y + r * s);
+            let from = (guess.radius - window).max(1.0);
+            let steps = ((guess.radius + window - from) / 0.5) as usize;
+            let profile: Vec<Option<f32>> =
+                (0..=steps).map(|j| at(from + 0.5 * j as f64)).collect();
+            let (mut best, mut place) = (0.0f64, 0.0);
+            let slope = |j: usize| -> Option<f64> {
+                Some(
+                    sense * f64::from(profile.get(j + 2)?.as_ref()? - profile[j - 2].as_ref()?)
+                        / 2.0,
+                )
+            };
+            let mut seen = false;
+            for j in 2..steps.saturating_sub(1) {
+                let Some(v) = slope(j) else { continue };
+                seen = true;
+                // Nearer edges are preferred to farther ones of about the same strength.
+                let away = (from + 0.5 * j as f64 - guess.radius) / window;
+                let v = v * (1.0 - 0.5 * away * away);
+                if v > best {
+                    best = v;
+                    place = from + 0.5 * j as f64;
+                }
+            }
+            if seen {
+                visible += 1.0;
+            }
+            if best > 0.0 {
+                points.push(guess.center + place * Vector2::new(c, s));
+                slopes.push(best);
+            }
+        }
+        if visible < 0.12 * rays as f64 || points.len() < 8 {
+            return None;
+        }
+        // Directions with hardly any slope say nothing of the edge.
+        let mut sorted = slopes.clone();
+        sorted.sort_by(f64::total_cmp);
+        let strong = sorted[sorted.len() * 7 / 10];
+        let weights: Vec<f64> =
+            slopes.iter().map(|s| if *s > 0.25 * strong { 1.0 } else { 0.0 }).collect();
+        let fitted = circle::robust(&points, &weights, Some(guess), 0.35)?;
+        let r = fitted.circle.radius;
+        if (r - rough.radius).abs() > 0.3 * rough.radius + 4.0
+            || (fitted.circle.center - rough.center).norm() > 0.4 * rough.radius + 6.0
+        {
+            return None;
+        }
+        let moved = (fitted.circle.center - guess.center).norm() + (r - guess.radius).abs();
+        guess = fitted.circle;
+        let close = 2.5 * fitted.scale.max(0.4) + 0.5;
+        let hits = points
+            .iter()
+            .zip(&weights)
+            .filter(|(p, w)| **w > 0.0 && guess.distance(**p).abs() < close.min(2.5 + blur))
+            .count() as f64;
+        result = Some((hits / rays as f64, strong, fitted.scale));
+        window = (window * 0.7).max(3.0 + blur);
+        if moved < 0.05 {
+            break;
+        }
+    }
+    let (coverage, _, scale_px) = result?;
+    let radius_px = guess.radius * k;
+    if coverage < options.least_coverage
+        || radius_px < options.least_radius_px
+        || radius_px > options.most_radius_px
+    {
+        return None;
+    }
+    let (step, softness) = step_across(image, guess, sense, *blur)?;
+    let noise = (look.noise / blur).max(1e-3);
+    Some(Candidate {
+        circle: Circle { center: look.full(guess.center), radius: radius_px },
+        step: step * sense,
+        coverage,
+        softness_px: softness * k,
+        scatter_px: scale_px * k,
+        score: coverage.powi(2) * (step / noise).max(0.0).min(400.0).sqrt()
+            / (1.0 + 0.3 * scale_px / blur),
+    })
+}
+
+/// Step and softness of the median profile across a circle.
+fn step_across(
+    image: &crate::frame::Gray<f32>,
+    circle: Circle,
+    sense: f64,
+    blur: f64,
+) -> Option<(f64, f64)> {
+    let reach = (4.0 * blur).max(6.0).min(0.9 * circle.radius);
+    let mut profile: Vec<f64> = Vec::new();
+    let count = (2.0 * reach) as usize;
+    for j in 0..=count {
+        let r = circle.radius - reach + j as f64;
+        let mut values: Vec<f32> = (0..64)
+            .filter_map(|i| {
+                let (s, c) = (std::f64::consts::TAU * f64::from(i) / 64.0).sin_cos();
+                value_at(image, circle.center.x + r * c, circle.center.y + r * s)
+            })
+            .collect();
+        if values.is_empty() {
+            return None;
+        }
+        let middle = values.len() / 2;
+        profile.push(f64::from(*values.select_nth_unstable_by(middle, f32::total_cmp).1) * sense);
+    }
+    let n = profile.len();
+    let middle = n / 2;
+    let slope = |i: usize| profile[i + 1] - profile[i];
+    let peak = (middle.saturating_sub(3)..(middle + 3).min(n - 1))
+        .max_by(|&a, &b| slope(a).total_cmp(&slope(b)))?;
+    let top = slope(peak);
+    if top <= 0.0 {
+        return None;
+    }
+    let (mut lo, mut hi) = (peak, peak);
+    while lo > 0 && slope(lo - 1) > 0.1 * top {
+        lo -= 1;
+    }
+    while hi + 2 < n && slope(hi + 1) > 0.1 * top {
+        hi += 1;
+    }
+    let step = profile[hi + 1] - profile[lo];
+    let soft = step / (top * (2.0 * std::f64::consts::PI).sqrt());
+    // The blur of the reduced picture is not the edge's own.
+    Some((step, (soft * soft - blur * blur).max(0.04).sqrt()))
+}

@@ -1,0 +1,144 @@
+//! Every gradient votes along its own line; the centres of circles collect the votes.
+
+use nalgebra::Vector2;
+
+use crate::find::Options;
+use crate::find::look::{Look, blur};
+use crate::frame::Gray;
+
+/// The strongest share of the gradients at each scale that votes.
+const STRONGEST: f64 = 0.12;
+
+/// Likely centres in reduced pixels, best first.
+pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
+    let (w, h) = look.size();
+    let k = look.factor as f64;
+    let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
+    // Centres may lie outside the frame by a third of its size.
+    let pad = w.max(h) / 3;
+    let (aw, ah) = (w + 2 * pad, h + 2 * pad);
+    let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
+    for (scale, image) in &look.scales {
+        let gradients = gradients(image, options.near.map(|(p, r)| (look.reduced(p), r / k + far)));
+        let least = threshold(&gradients, look.noise / scale.powi(2));
+        let mut votes = Gray { width: aw, height: ah, data: vec![0.0f32; aw * ah] };
+        for g in gradients.iter().filter(|g| g.size >= least) {
+            // Strong edges count more, but not by their full strength: a lamp is no better circle than a burn.
+            let weight = (g.size / least).sqrt().min(2.0);
+            let (dx, dy) = (g.dx / g.size, g.dy / g.size);
+            for sign in [1.0f32, -1.0] {
+                let (x0, y0) = (g.x as f32 + pad as f32, g.y as f32 + pad as f32);
+                let (sx, sy) = (sign * dx, sign * dy);
+                let mut r = near.max(1.0) as f32;
+                while r <= far as f32 {
+                    let (x, y) = (x0 + r * sx + 0.5, y0 + r * sy + 0.5);
+                    if x < 0.0 || y < 0.0 || x >= aw as f32 || y >= ah as f32 {
+                        break;
+                    }
+                    // A line's votes spread with distance: what meets at a far centre counts as much as near.
+                    votes.data[y as usize * aw + x as usize] += weight;
+                    r += 1.0;
+                }
+            }
+        }
+        // Lines meet less sharply for soft edges.
+        let sharp = blur(&votes, 1.0 + 0.5 * scale);
+        let wide = blur(&votes, 6.0 + 3.0 * scale);
+        let peaked = Gray {
+            width: aw,
+            height: ah,
+            data: sharp
+                .data
+                .iter()
+                .zip(&wide.data)
+                .map(|(s, w)| (s - w) / (w + 1.0).sqrt())
+                .collect(),
+        };
+        found.extend(
+            peaks(&peaked, options.centers)
+                .into_iter()
+                .map(|(v, p)| (v, p - Vector2::repeat(pad as f64))),
+        );
+    }
+    if let Some((place, reach)) = options.near {
+        let place = look.reduced(place);
+        found.retain(|(_, p)| (p - place).norm() <= reach / k);
+        found.insert(0, (f32::INFINITY, place));
+    }
+    let mut kept: Vec<Vector2<f64>> = Vec::new();
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    for (_, p) in found {
+        if kept.len() < 2 * options.centers && kept.iter().all(|q| (p - q).norm() > 2.5) {
+            kept.push(p);
+        }
+    }
+    kept
+}
+
+struct Gradient {
+    x: usize,
+    y: usize,
+    dx: f32,
+    dy: f32,
+    size: f32,
+}
+
+fn gradients(image: &Gray<f32>, within: Option<(Vector2<f64>, f64)>) -> Vec<Gradient> {
+    let mut list = Vec::with_capacity(image.data.len());
+    for y in 1..image.height.saturating_sub(1) {
+        let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+        for x in 1..image.width - 1 {
+            if let Some((p, r)) = within
+                && (Vector2::new(x as f64, y as f64) - p).norm_squared() > r * r
+            {
+                continue;
+            }
+            let (dx, dy) = (row[x + 1] - row[x - 1], below[x] - above[x]);
+            let size = (dx * dx + dy * dy).sqrt();
+            list.push(Gradient { x, y, dx, dy, size });
+        }
+    }
+    list
+}
+
+/// The size that the strongest share reaches, but no less than clear of the noise.
+fn threshold(gradients: &[Gradient], noise: f64) -> f32 {
+    let mut sizes: Vec<f32> = gradients.iter().map(|g| g.size).collect();
+    if sizes.is_empty() {
+        return f32::INFINITY;
+    }
+    let at = ((sizes.len() as f64 * (1.0 - STRONGEST)) as usize).min(sizes.len() - 1);
+    let strong = *sizes.select_nth_unstable_by(at, f32::total_cmp).1;
+    strong.max(1.5 * noise as f32).max(1e-6)
+}
+
+/// Local maxima, highest first, no two within a few pixels.
+fn peaks(image: &Gray<f32>, count: usize) -> Vec<(f32, Vector2<f64>)> {
+    let mut list = Vec::new();
+    let w = image.width;
+    for y in 1..image.height - 1 {
+        for x in 1..w - 1 {
+            let at = y * w + x;
+            let v = image.data[at];
+            if v > 0.0
+                && v >= image.data[at - 1]
+                && v > image.data[at + 1]
+                && v >= image.data[at - w]
+                && v > image.data[at + w]
+            {
+                list.push((v, Vector2::new(x as f64, y as f64)));
+            }
+        }
+    }
+    list.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut kept: Vec<(f32, Vector2<f64>)> = Vec::new();
+    for (v, p) in list {
+        if kept.len() == count {
+            break;
+        }
+        if kept.iter().all(|(_, q)| (p - q).norm() > 5.0) {
+            kept.push((v, p));
+        }
+    }
+    kept
+}

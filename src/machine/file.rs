@@ -1,0 +1,391 @@
+//! `machine.toml`: what the control is told about the machine, and what is known of its faults.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::Vector3;
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::machine::axis::{Axis, AxisName, Side};
+use crate::machine::chain::Chain;
+use crate::tomlfile;
+
+/// A machine file. Lengths in mm, angles in degrees; `docs/machine.md` explains each key.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Machine {
+    /// Version of the file's form: 1.
+    pub schema: u32,
+    /// What the user calls it.
+    #[serde(default)]
+    pub name: String,
+    /// +1: a positive C turns the table counter-clockwise seen from above; -1: the other way (ISO 841).
+    #[serde(default = "plus_one")]
+    pub c_sense: i32,
+    /// From the head's rotary axis to the nozzle.
+    #[serde(default)]
+    pub head: Head,
+    /// The table's rotary axis in machine coordinates.
+    #[serde(default)]
+    pub table: Table,
+    /// A point on the table that is observed.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target: Option<Target>,
+    /// Which axis carries which; head B / table C where left out.
+    #[serde(default, skip_serializing_if = "Kinematics::is_default")]
+    pub kinematics: Kinematics,
+    /// Lines, senses and limits of axes where they differ from the usual.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub axes: BTreeMap<String, AxisEntry>,
+    /// Faults of the machine the control does not know of, by the names of the effects library.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<Effect>,
+}
+
+/// `[head]`: the vector from the rotary axis to the nozzle at zero is `(delta_x, 0, -r)`.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Head {
+    /// From the rotary axis to the optical axis, along X.
+    #[serde(default)]
+    pub delta_x_mm: f64,
+    /// From the rotary axis down to the nozzle's end face.
+    #[serde(default)]
+    pub r_mm: f64,
+    /// From the nozzle's end face down to the tool point (the focus).
+    #[serde(default)]
+    pub standoff_mm: f64,
+}
+
+/// `[table]`: the C axis at the table's surface, in machine coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+#[allow(missing_docs)]
+pub struct Table {
+    #[serde(default)]
+    pub xc_mm: f64,
+    #[serde(default)]
+    pub yc_mm: f64,
+    #[serde(default)]
+    pub zc_mm: f64,
+}
+
+/// `[target]`: an observed point.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Target {
+    /// In the table frame.
+    pub position_mm: [f64; 3],
+}
+
+/// `[kinematics]`: the order of the axes.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Kinematics {
+    /// As ISO 10791-6 writes it: `w` work, the axes that carry it, `b` bed, the axes that carry the
+    /// tool, `t` tool.
+    pub order: String,
+}
+
+impl Default for Kinematics {
+    fn default() -> Self {
+        Self { order: "w C b X Y Z B t".into() }
+    }
+}
+
+impl Kinematics {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// `[axes.<letter>]`: one axis where it differs from the usual.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AxisEntry {
+    /// A point of a rotary axis' line at zero: in the table frame for a table axis, from the tool
+    /// point for a head axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub point_mm: Option<[f64; 3]>,
+    /// The axis' direction in the machine frame, of any length.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub direction: Option<[f64; 3]>,
+    /// 1: positive values turn what the axis carries right-handed about its direction; -1: the
+    /// other way. For C in the table give `c_sense` instead.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sense: Option<i32>,
+    /// Travel of a linear axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits_mm: Option<[f64; 2]>,
+    /// Travel of a rotary axis.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limits_deg: Option<[f64; 2]>,
+}
+
+/// `[[effects]]`: one fault and its size; the effects library gives the names their meaning.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Effect {
+    /// The library's name.
+    pub name: String,
+    /// Parameters by name, with the unit in the name.
+    #[serde(default)]
+    pub parameters: BTreeMap<String, f64>,
+}
+
+fn plus_one() -> i32 {
+    1
+}
+
+type Check = std::result::Result<(), (String, String, &'static str)>;
+
+impl Machine {
+    /// Head B, table C (the machine of the RTCP method): head vector and C axis at zero until set.
+    pub fn head_b_table_c(head: Head, table: Table) -> Self {
+        Self {
+            schema: 1,
+            name: String::new(),
+            c_sense: 1,
+            head,
+            table,
+            target: None,
+            kinematics: Kinematics::default(),
+            axes: BTreeMap::new(),
+            effects: Vec::new(),
+        }
+    }
+
+    /// Table A under table C; the A axis lies `offset_mm` from the C axis along Y and `below_mm`
+    /// under the table surface.
+    pub fn table_a_c(offset_mm: f64, below_mm: f64) -> Self {
+        Self::preset("w C A b X Y Z t", &[("A", [0.0, offset_mm, -below_mm])])
+    }
+
+    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm`
+    /// under the table surface.
+    pub fn table_b_c(offset_mm: f64, below_mm: f64) -> Self {
+        Self::preset("w C B b X Y Z t", &[("B", [offset_mm, 0.0, -below_mm])])
+    }
+
+    /// Head C that carries head B; both axes meet `pivot_mm` above the tool point.
+    pub fn head_c_b(pivot_mm: f64) -> Self {
+        let point = [0.0, 0.0, pivot_mm];
+        Self::preset("w b X Y Z C B t", &[("B", point), ("C", point)])
+    }
+
+    fn preset(order: &str, points: &[(&str, [f64; 3])]) -> Self {
+        let mut machine = Self::head_b_table_c(Head::default(), Table::default());
+        machine.kinematics.order = order.into();
+        for &(name, point) in points {
+            let entry = AxisEntry { point_mm: Some(point), ..AxisEntry::default() };
+            machine.axes.insert(name.into(), entry);
+        }
+        machine
+    }
+
+    /// Reads and checks a machine file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        Self::checked(path, tomlfile::read(path)?)
+    }
+
+    /// As [`Machine::read`], from text; `path` is only the name used in messages.
+    pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self> {
+        let path = path.as_ref();
+        Self::checked(path, tomlfile::parse(path, text)?)
+    }
+
+    fn checked(path: &Path, machine: Self) -> Result<Self> {
+        let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
+        machine.check().map_err(named)?;
+        machine.chain().map_err(|e| {
+            Error::file(path, format!("does not describe a machine: {e}"), "correct the file")
+        })?;
+        Ok(machine)
+    }
+
+    /// The text of the file.
+    pub fn to_toml(&self) -> String {
+        // These plain structures always serialise.
+        toml::to_string(self).unwrap_or_default()
+    }
+
+    /// The chain the control believes in: the numbers of the file, without its effects.
+    pub fn chain(&self) -> Result<Chain> {
+        let wrong = |reason: String| {
+            Error::measure("kinematics.order", reason, "write it like \"w C b X Y Z B t\"")
+        };
+        let letters: Vec<char> =
+            self.kinematics.order.chars().filter(|c| !c.is_whitespace()).collect();
+        let bed = letters.iter().position(|&c| c == 'b');
+        let (Some('w'), Some('t'), Some(bed), 8) =
+            (letters.first(), letters.last(), bed, letters.len())
+        else {
+            return Err(wrong(format!(
+                "'{}' needs w, b, t and five axes between them",
+                self.kinematics.order
+            )));
+        };
+        let mut axes = Vec::with_capacity(5);
+        for (i, &letter) in
+            letters.iter().enumerate().filter(|&(i, _)| i != 0 && i != bed && i != 7)
+        {
+            let name = AxisName::from_letter(letter)
+                .ok_or_else(|| wrong(format!("'{letter}' is no axis")))?;
+            axes.push(self.axis(name, if i < bed { Side::Table } else { Side::Head })?);
+        }
+        let axes: [Axis; 5] =
+            axes.try_into().map_err(|_| wrong("needs exactly five axes".into()))?;
+        for name in self.axes.keys() {
+            if !axes.iter().any(|a| a.name.to_string() == *name) {
+                return Err(wrong(format!("has no axis for the section [axes.{name}]")));
+            }
+        }
+        Chain::new(axes, self.table_point())
+    }
+
+    /// The table frame's origin at zero, in the machine frame.
+    pub fn table_point(&self) -> Vector3<f64> {
+        Vector3::new(self.table.xc_mm, self.table.yc_mm, self.table.zc_mm)
+    }
+
+    /// The observed target in the table frame; the origin where the file names none.
+    pub fn target_point(&self) -> Vector3<f64> {
+        self.target.map_or_else(Vector3::zeros, |t| Vector3::from(t.position_mm))
+    }
+
+    /// From the head's rotary axis to the tool point at zero: `(ΔX, 0, -(R + s))`.
+    pub fn head_vector(&self) -> Vector3<f64> {
+        Vector3::new(self.head.delta_x_mm, 0.0, -(self.head.r_mm + self.head.standoff_mm))
+    }
+
+    fn axis(&self, name: AxisName, side: Side) -> Result<Axis> {
+        let entry = self.axes.get(&name.to_string()).copied().unwrap_or_default();
+        let direction = entry.direction.map_or_else(|| name.direction(), Vector3::from);
+        let mut axis = if name.is_rotary() {
+            let table_c = name == AxisName::C && side == Side::Table;
+            let sense = entry.sense.unwrap_or(if table_c { self.c_sense } else { 1 });
+            let point = match (side, entry.point_mm) {
+                (Side::Head, Some(p)) => Vector3::from(p),
+                (Side::Head, None) => -self.head_vector(),
+                (Side::Table, p) => {
+                    self.table_point() + p.map_or_else(Vector3::zeros, Vector3::from)
+                }
+            };
+            Axis::rotary(name, side, f64::from(sense), direction, point)?
+        } else {
+            Axis::linear(name, side, direction)?
+        };
+        if let Some(limits) = entry.limits_mm {
+            axis.limits = limits;
+        }
+        if let Some(limits) = entry.limits_deg {
+            axis.limits = limits.map(f64::to_radians);
+        }
+        Ok(axis)
+    }
+
+    fn check(&self) -> Check {
+        if self.schema != 1 {
+            return Err((
+                "schema".into(),
+                format!("is {}, this program reads 1", self.schema),
+                "use a matching version",
+            ));
+        }
+        let sense = |field: String, value: i32| match value {
+            1 | -1 => Ok(()),
+            other => Err((field, format!("is {other}"), "write 1 or -1")),
+        };
+        sense("c_sense".into(), self.c_sense)?;
+        if self.c_sense != 1 && !self.table_order().contains('C') {
+            return Err((
+                "c_sense".into(),
+                "is for a C axis in the table, and this machine has none".into(),
+                "leave it out, or give the axis' sense in [axes.C]",
+            ));
+        }
+        let finite = |field: &str, values: &[f64]| {
+            if values.iter().all(|v| v.is_finite() && v.abs() < 1e6) {
+                Ok(())
+            } else {
+                Err((
+                    field.to_owned(),
+                    format!("{values:?} is not a length in mm"),
+                    "give finite numbers in mm",
+                ))
+            }
+        };
+        let Head { delta_x_mm, r_mm, standoff_mm } = self.head;
+        finite("head", &[delta_x_mm, r_mm, standoff_mm])?;
+        finite("table", self.table_point().as_slice())?;
+        if let Some(target) = &self.target {
+            finite("target.position_mm", &target.position_mm)?;
+        }
+        for (name, entry) in &self.axes {
+            let axis =
+                name.chars().next().filter(|_| name.len() == 1).and_then(AxisName::from_letter);
+            let Some(axis) = axis else {
+                return Err((
+                    format!("axes.{name}"),
+                    "is no axis".into(),
+                    "use one of X Y Z A B C",
+                ));
+            };
+            self.check_entry(axis, entry)?;
+            if let Some(point) = entry.point_mm {
+                finite(&format!("axes.{name}.point_mm"), &point)?;
+            }
+            if let Some(value) = entry.sense {
+                sense(format!("axes.{name}.sense"), value)?;
+            }
+        }
+        for effect in &self.effects {
+            if let Some((key, _)) = effect.parameters.iter().find(|(_, v)| !v.is_finite()) {
+                return Err((
+                    format!("effects '{}': {key}", effect.name),
+                    "is not finite".into(),
+                    "give a number",
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// The part of the order that carries the work.
+    fn table_order(&self) -> &str {
+        self.kinematics.order.split('b').next().unwrap_or("")
+    }
+
+    fn check_entry(&self, axis: AxisName, entry: &AxisEntry) -> Check {
+        let misplaced = |key: &str, fix: &'static str| {
+            Err((format!("axes.{axis}.{key}"), "does not belong here".into(), fix))
+        };
+        if axis.is_rotary() && entry.limits_mm.is_some() {
+            return misplaced("limits_mm", "give a rotary axis' limits as limits_deg");
+        }
+        if !axis.is_rotary()
+            && (entry.limits_deg.is_some() || entry.point_mm.is_some() || entry.sense.is_some())
+        {
+            return misplaced(
+                "limits_deg, point_mm or sense",
+                "a linear axis takes direction and limits_mm",
+            );
+        }
+        let table_c = axis == AxisName::C && self.table_order().contains('C');
+        if table_c && entry.sense.is_some() {
+            return misplaced("sense", "give c_sense at the top of the file instead");
+        }
+        for limits in [entry.limits_mm, entry.limits_deg].into_iter().flatten() {
+            if limits[0].is_nan() || limits[1].is_nan() || limits[0] >= limits[1] {
+                return Err((
+                    format!("axes.{axis}: limits"),
+                    format!("{limits:?} are not in rising order"),
+                    "write [least, largest]",
+                ));
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,90 @@
+//! The sweep to measure: which poses, in which order, and the program that drives through them.
+//!
+//! Angles are irregular, so that no error over one axis looks like another; the order is mixed, so
+//! that drift does not look like an error over the angle; both directions of approach occur; every
+//! second pose is repeated at once, which shows the noise.
+
+use std::fmt::Write;
+
+use crate::machine::{AxisName, Chain};
+use crate::rtcp::export::Control;
+
+/// How far before a pose its approach begins, so that its direction is sure.
+const RUN_UP_DEG: f64 = 4.0;
+
+/// One pose: B, C in degrees, and the directions they are approached in (+1 or -1).
+pub type Pose = ([f64; 2], [f64; 2]);
+
+/// `count` different poses (B within ±90° and its limits), every second one twice.
+pub fn poses(chain: &Chain, count: usize) -> Vec<Pose> {
+    let range = |name: AxisName, low: f64, high: f64| {
+        let limits = chain.axis(name).map_or([low, high], |a| a.limits.map(f64::to_degrees));
+        let run = RUN_UP_DEG + 1.0;
+        [low.max(limits[0] + run), high.min(limits[1] - run)]
+    };
+    let [b, c] = [range(AxisName::B, -90.0, 90.0), range(AxisName::C, 0.0, 360.0)];
+    // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly
+    // and never repeat.
+    let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
+    let mut plan = Vec::new();
+    for i in 0..count {
+        let at = |k: usize, [low, high]: [f64; 2]| {
+            let part = (0.5 + steps[k] * (i + 1) as f64).fract();
+            ((low + (high - low) * part) * 100.0).round() / 100.0
+        };
+        let way = |bit: usize| if (i >> bit) & 1 == 0 { 1.0 } else { -1.0 };
+        let pose = ([at(0, b), at(1, c)], [way(0), way(1)]);
+        plan.push(pose);
+        if i % 2 == 1 {
+            plan.push(pose);
+        }
+    }
+    plan
+}
+
+/// The poses as CSV, ready to have `dx_mm,dy_mm,dz_mm` added.
+pub fn csv(plan: &[Pose]) -> String {
+    let mut text = String::from("b_deg,c_deg,dir_b,dir_c\n");
+    for ([b, c], [db, dc]) in plan {
+        // Writing to a String cannot fail.
+        let _ = writeln!(text, "{b:.2},{c:.2},{db:.0},{dc:.0}");
+    }
+    text
+}
+
+/// The program that holds `target_mm` (table frame) in every pose. Workpiece zero: the C axis at
+/// the table surface.
+pub fn gcode(plan: &[Pose], target_mm: [f64; 3], control: Control) -> String {
+    let [x, y, z] = target_mm;
+    let conversational = control == Control::Heidenhain;
+    let note = |text: &str| match control {
+        Control::Siemens | Control::Heidenhain => format!("; {text}\n"),
+        _ => format!("({text})\n"),
+    };
+    let turn = |[b, c]: [f64; 2]| {
+        if conversational {
+            format!("L X{x:+.4} Y{y:+.4} Z{z:+.4} B{b:+.3} C{c:+.3} F2000\n")
+        } else {
+            format!("G1 X{x:.4} Y{y:.4} Z{z:.4} B{b:.3} C{c:.3} F2000\n")
+        }
+    };
+    let (begin, wait, end) = match control {
+        Control::Siemens => ("G71 G90 G54\nTRAORI\n", "G4 F2\n", "TRAFOOF\nM30\n"),
+        Control::Heidenhain => (
+            "BEGIN PGM SWEEP MM\nM128\n",
+            "CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL 2\n",
+            "M129\nEND PGM SWEEP MM\n",
+        ),
+        Control::Fanuc => ("%\nO1000\nG21 G90 G54\nG43.4 H1\n", "G4 P2000\n", "G49\nM30\n%\n"),
+        Control::Linuxcnc | Control::Sheet => ("G21 G90 G54\n", "G4 P2\n", "M2\n"),
+    };
+    let mut text = begin.to_owned();
+    text += &note("Workpiece zero: C axis at the table surface. Watch the first run at low feed.");
+    for (i, &([b, c], [db, dc])) in plan.iter().enumerate() {
+        text += &note(&format!("pose {} of {}", i + 1, plan.len()));
+        text += &turn([b - db * RUN_UP_DEG, c - dc * RUN_UP_DEG]);
+        text += &turn([b, c]);
+        text += wait;
+    }
+    text + end
+}
