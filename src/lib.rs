@@ -4,6 +4,7 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+pub mod ballbar;
 pub mod batch;
 pub mod camera;
 pub mod cli;
@@ -20,10 +21,13 @@ pub mod output;
 pub mod parquet;
 pub mod plot;
 pub mod regress;
+pub mod render;
 pub mod report;
+pub mod rotary;
 pub mod rtcp;
 pub mod store;
 pub mod table;
+pub mod thermal;
 pub mod tomlfile;
 pub mod uncertainty;
 

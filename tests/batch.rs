@@ -41,7 +41,10 @@ fn picture(path: &Path, radius: f64) {
 
 fn batch(dir: &Path, out: &str, more: &[&str]) -> Command {
     let mut command = pivotsight();
-    command.current_dir(dir).args(["batch", "in", "--job", "job.toml", "--quiet", "--out", out]).args(more);
+    command
+        .current_dir(dir)
+        .args(["batch", "in", "--job", "job.toml", "--quiet", "--out", out])
+        .args(more);
     command.stdout(Stdio::null()).stderr(Stdio::piped());
     command
 }
@@ -89,7 +92,8 @@ fn killed_at_fifty_random_moments_it_neither_repeats_nor_loses_a_picture() {
             lines_before = 0;
         }
     }
-    let names: Vec<PathBuf> = std::fs::read_dir(dir.join("killed3")).unwrap().map(|e| e.unwrap().path()).collect();
+    let names: Vec<PathBuf> =
+        std::fs::read_dir(dir.join("killed3")).unwrap().map(|e| e.unwrap().path()).collect();
     assert!(names.len() >= 5, "{names:?}");
 }
 
@@ -107,8 +111,14 @@ fn a_bad_picture_is_a_row_with_its_reason_and_can_be_tried_again() {
     std::fs::remove_file(dir.join("in/q.png")).unwrap();
     picture(&dir.join("in/q.png"), 30.0);
     assert_eq!(batch(dir, "out", &["--resume"]).status().unwrap().code(), Some(3), "failures stay");
-    assert_eq!(batch(dir, "out", &["--resume", "--retry-failed"]).status().unwrap().code(), Some(0));
-    assert_eq!(std::fs::read_to_string(dir.join("out/results.csv")).unwrap().lines().count(), 6 - 1);
+    assert_eq!(
+        batch(dir, "out", &["--resume", "--retry-failed"]).status().unwrap().code(),
+        Some(0)
+    );
+    assert_eq!(
+        std::fs::read_to_string(dir.join("out/results.csv")).unwrap().lines().count(),
+        6 - 1
+    );
 }
 
 #[test]
@@ -131,14 +141,23 @@ fn what_cannot_work_is_said_before_anything_is_measured() {
     says(&mut bad(), "speed");
     job("schema = 1\ncalib = \"none.toml\"\n[measure.circles]\nexpect_mm = [1]\n");
     says(&mut bad(), "none.toml: cannot read");
-    job("schema = 1\ncalib = \"cam.toml\"\n[measure.circles]\nexpect_mm = [1]\n[limits]\na_mm = {}\n");
+    job(
+        "schema = 1\ncalib = \"cam.toml\"\n[measure.circles]\nexpect_mm = [1]\n[limits]\na_mm = {}\n",
+    );
     says(&mut bad(), "limits.a_mm: has no bound");
     batch(dir, "out", &[]).status().unwrap();
     says(&mut batch(dir, "out", &[]), "add --resume");
-    std::fs::write(dir.join("cam.toml"), "schema = 1\nname = \"test\"\n[scale]\nmm_per_px = 0.02\n").unwrap();
+    std::fs::write(
+        dir.join("cam.toml"),
+        "schema = 1\nname = \"test\"\n[scale]\nmm_per_px = 0.02\n",
+    )
+    .unwrap();
     says(&mut batch(dir, "out", &["--resume"]), "the calibration is not the one");
     std::fs::create_dir(dir.join("empty")).unwrap();
-    says(pivotsight().current_dir(dir).args(["batch", "empty", "--job", "job.toml", "--out", "y"]), "nothing to measure");
+    says(
+        pivotsight().current_dir(dir).args(["batch", "empty", "--job", "job.toml", "--out", "y"]),
+        "nothing to measure",
+    );
     says(pivotsight().current_dir(dir).args(["batch", "in", "--job", "job.toml"]), "--out");
 }
 
@@ -151,7 +170,10 @@ fn a_dry_run_measures_nothing_and_a_full_disk_loses_nothing() {
     assert!(!dir.join("out").exists());
     // A limit on file size stands in for a full disk: the journal stops in the middle of a line.
     let binary = assert_cmd::cargo::cargo_bin!("pivotsight");
-    let script = format!("trap '' XFSZ; ulimit -f 1; exec {} batch in --job job.toml --out out --threads 1", binary.display());
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 1; exec {} batch in --job job.toml --out out --threads 1",
+        binary.display()
+    );
     let status = Command::new("bash").current_dir(dir).args(["-c", &script]).output().unwrap();
     assert_eq!(status.status.code(), Some(2), "{}", String::from_utf8_lossy(&status.stderr));
     assert_eq!(batch(dir, "out", &["--resume"]).status().unwrap().code(), Some(0));
@@ -163,13 +185,15 @@ fn a_dry_run_measures_nothing_and_a_full_disk_loses_nothing() {
 fn a_watched_folder_is_measured_while_a_camera_fills_it() {
     let dir = workshop(1);
     let dir = dir.path();
-    let mut child = batch(dir, "out", &["--watch", "--settle-s", "0.1", "--idle-s", "1.5"]).spawn().unwrap();
+    let mut child =
+        batch(dir, "out", &["--watch", "--settle-s", "0.1", "--idle-s", "1.5"]).spawn().unwrap();
     let (whole, half) = (dir.join("whole.png"), dir.join("in/z.png"));
     picture(&whole, 30.5);
     let bytes = std::fs::read(&whole).unwrap();
     std::fs::write(&half, &bytes[..bytes.len() / 2]).unwrap();
     std::thread::sleep(Duration::from_millis(700));
-    let row = |name: &str| std::fs::read_to_string(dir.join("out/results.jsonl")).unwrap().contains(name);
+    let row =
+        |name: &str| std::fs::read_to_string(dir.join("out/results.jsonl")).unwrap().contains(name);
     assert!(row("p0000") && !row("z.png"), "half a picture is not measured");
     std::fs::write(&half, &bytes).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(0));

@@ -10,8 +10,8 @@ use super::limits::{self, Limit, Limits};
 use super::run::Measured;
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
-use crate::frame::{Channel, Picture};
-use crate::measure::circles;
+use crate::frame::Picture;
+use crate::measure::{burn, circles};
 use crate::{hash, tomlfile};
 
 /// A job as its file states it.
@@ -24,9 +24,6 @@ pub struct Job {
     pub measure: Method,
     /// The calibration file, seen from the job file's folder.
     pub calib: PathBuf,
-    /// Draw an overlay of every picture.
-    #[serde(default)]
-    pub overlay: bool,
     /// Limits by key of the result.
     #[serde(default)]
     pub limits: Limits,
@@ -39,14 +36,10 @@ pub struct Job {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Method {
+    /// `pivotsight burn`.
+    Burn(burn::Options),
     /// `pivotsight circles`.
-    Circles {
-        /// Expected diameters.
-        expect_mm: Vec<f64>,
-        /// Which part of colour pictures is measured.
-        #[serde(default)]
-        channel: Channel,
-    },
+    Circles(circles::Options),
 }
 
 /// A job with its calibration read, ready to measure.
@@ -54,7 +47,6 @@ pub struct Prepared<'j> {
     job: &'j Job,
     calibration: Calibration,
     calib_sha256: String,
-    overlays: Option<PathBuf>,
 }
 
 impl Job {
@@ -103,7 +95,8 @@ impl Job {
     /// The command that measures one picture the same way.
     pub fn command(&self) -> &'static str {
         match self.measure {
-            Method::Circles { .. } => "circles",
+            Method::Burn(_) => "burn",
+            Method::Circles(_) => "circles",
         }
     }
 
@@ -112,14 +105,17 @@ impl Job {
         self.base.join(&self.calib)
     }
 
-    /// Reads the calibration. Overlays go to the folder given.
-    pub fn prepare(&self, overlays: Option<PathBuf>) -> Result<Prepared<'_>> {
+    /// Checks the measurement's options and reads the calibration.
+    pub fn prepare(&self) -> Result<Prepared<'_>> {
+        match &self.measure {
+            Method::Burn(options) => burn::check(options)?,
+            Method::Circles(options) => circles::check(options)?,
+        }
         let path = self.calib_path();
         Ok(Prepared {
             job: self,
             calibration: Calibration::read(&path)?,
             calib_sha256: hash::of_file(&path)?,
-            overlays,
         })
     }
 }
@@ -145,12 +141,13 @@ impl Prepared<'_> {
         let own = item.calib.as_ref().map(Calibration::read).transpose()?;
         let calibration = own.as_ref().unwrap_or(&self.calibration);
         let picture = Picture::decode(&item.path, bytes)?;
+        let name = &item.name;
         let report = match &self.job.measure {
-            Method::Circles { expect_mm, channel } => {
-                let options = circles::Options { expect_mm: expect_mm.clone(), channel: *channel };
-                serde_json::to_value(
-                    circles::measure(&picture, calibration, &options, &item.name)?.report,
-                )
+            Method::Burn(options) => {
+                serde_json::to_value(burn::measure(&picture, calibration, options, name)?.report)
+            }
+            Method::Circles(options) => {
+                serde_json::to_value(circles::measure(&picture, calibration, options, name)?.report)
             }
         };
         let Ok(Value::Object(mut result)) = report else { return Ok(Map::new()) };

@@ -2,7 +2,7 @@
 //! number of threads.
 //!
 //! A batch's folder holds `batch.json` (what was asked), `results.jsonl` (a line a picture, written as results
-//! come, sorted at the end), `results.csv`, `results.parquet`, `summary.json` and, on request, `overlays/`.
+//! come, sorted at the end), `results.csv`, `results.parquet`, and `summary.json`.
 
 pub mod input;
 pub mod job;
@@ -90,8 +90,7 @@ pub struct Column {
 
 /// Measures everything `options.input` stands for. `progress` is called after every picture.
 pub fn run(job: &Job, options: &Options, progress: &(dyn Fn(Progress) + Sync)) -> Result<Summary> {
-    let overlays = job.overlay.then(|| options.out.join("overlays"));
-    let prepared = job.prepare(overlays.clone())?;
+    let prepared = job.prepare()?;
     let identity = json!({
         "schema": "pivotsight.batch-job/1",
         "version": env!("CARGO_PKG_VERSION"),
@@ -99,14 +98,7 @@ pub fn run(job: &Job, options: &Options, progress: &(dyn Fn(Progress) + Sync)) -
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
     });
-    run_with(
-        options,
-        job.kind(),
-        &identity,
-        &|item| prepared.measure(item),
-        progress,
-        overlays.as_deref(),
-    )
+    run_with(options, job.kind(), &identity, &|item| prepared.measure(item), progress)
 }
 
 fn run_with(
@@ -115,13 +107,9 @@ fn run_with(
     identity: &Value,
     measure: &(dyn Fn(&Item) -> Measured + Sync),
     progress: &(dyn Fn(Progress) + Sync),
-    overlays: Option<&Path>,
 ) -> Result<Summary> {
     let out = &options.out;
     create_folder(out)?;
-    if let Some(folder) = overlays {
-        create_folder(folder)?;
-    }
     claim(options, identity)?;
     let mut journal = Journal::open(out.join("results.jsonl"))?;
     if options.retry_failed {
@@ -321,7 +309,7 @@ mod tests {
             retry_failed: false,
             watch,
         };
-        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {}, None)
+        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {})
     }
 
     fn pictures(folder: &Path, n: usize) {

@@ -27,9 +27,6 @@ pub struct Args {
     /// With --resume: measure again what failed
     #[arg(long, requires = "resume")]
     retry_failed: bool,
-    /// Draw an overlay of every picture
-    #[arg(long)]
-    overlay: bool,
     /// Say what would be measured, and measure nothing
     #[arg(long)]
     dry_run: bool,
@@ -49,8 +46,7 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let mut job = Job::read(&args.job)?;
-    job.overlay |= args.overlay;
+    let job = Job::read(&args.job)?;
     if args.dry_run {
         return dry_run(args, &job);
     }
@@ -99,7 +95,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
-    job.prepare(None)?;
+    job.prepare()?;
     let items = input::list(&args.input, job.kind())?;
     let mut json = envelope("batch", &args.input, &[]);
     json.insert("dry_run".into(), true.into());

@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod ballbar;
 mod batch;
 mod config;
 mod export;
@@ -7,11 +8,14 @@ mod history;
 mod machine;
 mod pages;
 mod regress;
+mod render;
 mod report;
+mod rotary;
 mod rtcp;
 mod schema;
 mod simulate;
 mod solve;
+mod thermal;
 mod verify;
 
 use std::io::Write;
@@ -79,9 +83,13 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Ballbar(ballbar::Args),
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
     Config(config::Args),
+    Render(render::Args),
+    Rotary(rotary::Args),
+    Thermal(thermal::Args),
     Export(export::Args),
     History(history::Args),
     Machine(machine::Args),
@@ -174,9 +182,13 @@ fn takes_out(command: &Command) -> bool {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Ballbar(args) => ballbar::run(args, global),
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
         Command::Config(args) => config::run(args, global),
+        Command::Render(args) => render::run(args, global),
+        Command::Rotary(args) => rotary::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
         Command::Export(args) => export::run(args, global),
         Command::History(args) => history::run(args, global),
         Command::Machine(args) => machine::run(args, global),

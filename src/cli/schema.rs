@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 
 use super::Outcome;
 use crate::error::{Error, Result};
-use crate::measure::circles;
+use crate::measure::{burn, circles};
 use crate::output::Document;
 use crate::{batch, regress, store};
 
@@ -35,6 +35,7 @@ type Make = fn(&mut SchemaGenerator) -> Schema;
 /// Every output with a schema. A new one is a line here.
 const SCHEMAS: &[(&str, Make)] = &[
     ("batch", |g| g.root_schema_for::<batch::Summary>()),
+    ("burn", |g| g.root_schema_for::<burn::Report>()),
     ("circles", |g| g.root_schema_for::<circles::Report>()),
     ("history", |g| g.root_schema_for::<History>()),
     ("regress", |g| g.root_schema_for::<Regress>()),

@@ -12,7 +12,7 @@ use crate::machine::Machine;
 use crate::output::{Document, create_folder, write_whole};
 use crate::rtcp::export::Control;
 use crate::rtcp::plan;
-use crate::rtcp::sweep::{Size, Sweep};
+use crate::rtcp::sweep::{Size, Sweep, predict};
 use crate::rtcp::verify::{Options, figure, verify};
 use crate::uncertainty::{K95, Verdict};
 
@@ -108,7 +108,8 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         noise_mm: args.noise_mm,
         corrected: args.now.is_some(),
     };
-    let report = verify(&control, &real, &machine.target_point(), &sweep, &measured, options);
+    let predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
+    let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
     let mut warnings = Vec::new();
     if !machine.effects.is_empty() {
         warnings.push("the model's effects are not part of this comparison".to_owned());

@@ -60,7 +60,11 @@ impl Rays {
             return Vec::new();
         }
         let middle = sizes.len() / 2;
-        let typical = sizes.select_nth_unstable_by(middle, f32::total_cmp).1.max(1e-6);
+        let typical = *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
+        // On a clean picture nearly all slopes are tiny: then a part of the strongest ones is the measure.
+        let high = sizes.len() * 98 / 100;
+        let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
+        let unit = (4.0 * typical).max(0.3 * strong).max(1e-6);
         let agree: Vec<f64> = (0..=self.length)
             .map(|r| {
                 let (mut sum, mut n) = (0.0f64, 0.0);
@@ -76,7 +80,7 @@ impl Rays {
                     );
                     if let Some(v) = best {
                         n += 1.0;
-                        sum += f64::from((v / (4.0 * typical)).clamp(-1.0, 1.0));
+                        sum += f64::from((v / unit).clamp(-1.0, 1.0));
                     }
                 }
                 if n >= 0.15 * RAYS as f64 { sum / n * (n / RAYS as f64).sqrt() } else { 0.0 }
@@ -86,7 +90,7 @@ impl Rays {
         for r in 1..self.length {
             let v = agree[r].abs();
             let inside = (r as f64) >= near * 0.8 && (r as f64) <= far * 1.1;
-            if inside && v > 0.2 && v >= agree[r - 1].abs() && v > agree[r + 1].abs() {
+            if inside && v > 0.12 && v >= agree[r - 1].abs() && v > agree[r + 1].abs() {
                 list.push((v, r as f64, agree[r].signum()));
             }
         }

@@ -5,3 +5,4 @@ pub mod correlated;
 pub mod least_squares;
 
 pub use circle::Circle;
+pub mod serial;

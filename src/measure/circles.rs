@@ -1,7 +1,7 @@
 //! Circles of expected diameters in one picture, and how concentric they are.
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
@@ -16,11 +16,13 @@ use crate::uncertainty::distance;
 const DIAMETER_WINDOW: f64 = 0.12;
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Options {
     /// Expected diameters, in the order in which they are reported.
     pub expect_mm: Vec<f64>,
     /// Which part of a colour picture is measured.
+    #[serde(default)]
     pub channel: Channel,
 }
 
@@ -109,7 +111,8 @@ pub fn measure(
     }
 }
 
-fn check(options: &Options) -> Result<()> {
+/// Refuses options that cannot be meant.
+pub fn check(options: &Options) -> Result<()> {
     if options.expect_mm.is_empty() {
         return Err(Error::option(
             "--expect-mm",

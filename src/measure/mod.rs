@@ -1,5 +1,6 @@
 //! A picture (or captures) → a measurement.
 
+pub mod burn;
 pub mod circles;
 pub mod ring;
 

@@ -72,7 +72,7 @@ fn draw_panel(out: &mut String, panel: &Panel, outer: Area) {
     let (x, y) = scales(panel, area);
     draw_axes(out, panel, area, &x, &y);
     for (i, series) in panel.series.iter().enumerate() {
-        draw_shape(out, &series.shape, PALETTE[i % PALETTE.len()], area, &x, &y);
+        draw_shape(out, &series.shape, colour(i, &series.shape), area, &x, &y);
     }
 }
 
@@ -89,7 +89,7 @@ fn draw_legend(out: &mut String, panel: &Panel, outer: Area, top: f64) -> f64 {
             y += LEGEND_ROW;
         }
         any = true;
-        let colour = PALETTE[i % PALETTE.len()];
+        let colour = colour(i, &series.shape);
         let middle = y + 8.0;
         let _ = match series.shape {
             Shape::Points(_) => {
@@ -232,6 +232,11 @@ fn draw_shape(out: &mut String, shape: &Shape, colour: &str, area: Area, x: &Sca
         ),
         Shape::Limit(_) => Ok(()),
     };
+}
+
+/// Limits are grey, series have the palette's colours in order.
+fn colour(index: usize, shape: &Shape) -> &'static str {
+    if matches!(shape, Shape::Limit(_)) { "#777" } else { PALETTE[index % PALETTE.len()] }
 }
 
 fn dash(shape: &Shape) -> &'static str {

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use crate::machine::Chain;
 use crate::plot::{Figure, Panel};
-use crate::rtcp::sweep::{Size, Sweep, predict, remove_target_offset};
+use crate::rtcp::sweep::{Size, Sweep, remove_target_offset};
 use crate::uncertainty::{K95, Verdict};
 
 /// What to compare with.
@@ -38,17 +38,15 @@ pub struct Report {
     pub verdict: Verdict,
 }
 
-/// Compares a measured sweep with what `real` shows under a control that believes `control`.
+/// Compares measured deviations with predicted ones ([`super::sweep::predict`]), row by row; `real`
+/// tells how the target turns with the table.
 pub fn verify(
-    control: &Chain,
     real: &Chain,
-    target_mm: &Vector3<f64>,
-    sweep: &Sweep,
+    rotary: &[[f64; 2]],
     measured: &[Vector3<f64>],
+    mut predicted: Vec<Vector3<f64>>,
     options: Options,
 ) -> Report {
-    let rotary = &sweep.rotary_rad;
-    let mut predicted = predict(control, real, target_mm, rotary);
     let mut rest: Vec<Vector3<f64>> = measured.iter().zip(&predicted).map(|(m, p)| m - p).collect();
     let target_offset_mm = remove_target_offset(real, rotary, &mut rest);
     let mut measured = measured.to_vec();

@@ -1,0 +1,251 @@
+//! Paths on which the bar keeps its length: positions, equal steps along the arc, G-code.
+
+use std::fmt::Write;
+
+use crate::error::{Error, Result};
+
+/// The lengths of a set-up; the defaults are the source's.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setup {
+    /// Length of the bar.
+    pub bar_mm: f64,
+    /// From the B axis to the tool ball.
+    pub pivot_mm: f64,
+    /// Base ball under the B axis at zero: how far below.
+    pub below_mm: f64,
+}
+
+impl Default for Setup {
+    fn default() -> Self {
+        Self { bar_mm: 400.0, pivot_mm: 400.0, below_mm: 800.0 }
+    }
+}
+
+impl Setup {
+    /// Whether the lengths are lengths.
+    pub fn validate(&self) -> Result<()> {
+        for (option, v) in [
+            ("--bar-mm", self.bar_mm),
+            ("--pivot-mm", self.pivot_mm),
+            ("--below-mm", self.below_mm),
+        ] {
+            if !(v.is_finite() && (1.0..1e5).contains(&v)) {
+                return Err(Error::option(
+                    option,
+                    format!("{v} is no length in mm"),
+                    "give 1 to 100000",
+                ));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Which linear axis moves with B.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Z and B: the source's.
+    Zb,
+    /// X and B, Z still: sees the B axis without the Z axis.
+    Xb,
+}
+
+/// A path: what moves, and where the base cup is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Path {
+    /// What moves.
+    pub kind: Kind,
+    /// Base cup off the plane of motion.
+    pub cup_y_mm: f64,
+    /// With a shifted cup: the same bar and a smaller motion; otherwise the same motion and a longer bar.
+    pub keep_bar: bool,
+}
+
+/// Where the axes are at one point of a path.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// B angle.
+    pub b_rad: f64,
+    /// X position.
+    pub x_mm: f64,
+    /// Z position, up; the source's Z is its negative.
+    pub up_mm: f64,
+}
+
+impl Path {
+    /// The source's path.
+    pub const SOURCE: Self = Self { kind: Kind::Zb, cup_y_mm: 0.0, keep_bar: false };
+
+    /// Reads `zb`, `xb`, with the base cup's shift in Y `zb-y150`, `xb-y-80` (the same motion, a longer bar) or `zbk-y150`,
+    /// `xbk-y-80` (the same bar, another motion).
+    pub fn parse(name: &str) -> Result<Self> {
+        let fail = || {
+            Error::option(
+                format!("path '{name}'"),
+                "is not known",
+                "write zb or xb, with the base cup's shift in Y as in zb-y150 or (same bar) zbk-y150",
+            )
+        };
+        let (kind, shift) = match name.split_once("-y") {
+            Some((kind, y)) => (kind, y.parse::<f64>().map_err(|_| fail())?),
+            None => (name, 0.0),
+        };
+        let (kind, keep_bar) = match kind {
+            "zb" => (Kind::Zb, false),
+            "zbk" => (Kind::Zb, true),
+            "xb" => (Kind::Xb, false),
+            "xbk" => (Kind::Xb, true),
+            _ => return Err(fail()),
+        };
+        if !(shift.is_finite() && shift.abs() < 1e5) {
+            return Err(fail());
+        }
+        Ok(Self { kind, cup_y_mm: shift, keep_bar })
+    }
+
+    /// The name [`Path::parse`] reads.
+    pub fn name(&self) -> String {
+        let kind = if self.kind == Kind::Zb { "zb" } else { "xb" };
+        let keep = if self.keep_bar { "k" } else { "" };
+        match self.cup_y_mm {
+            0.0 => kind.to_owned(),
+            y => format!("{kind}{keep}-y{y}"),
+        }
+    }
+
+    /// Length of the bar this path needs.
+    pub fn bar_mm(&self, setup: &Setup) -> f64 {
+        if self.keep_bar { setup.bar_mm } else { setup.bar_mm.hypot(self.cup_y_mm) }
+    }
+
+    /// The axes at a B angle; `None` where the bar does not reach.
+    pub fn pose(&self, setup: &Setup, b_rad: f64) -> Option<Pose> {
+        let (sin, cos) = b_rad.sin_cos();
+        let (bar2, r) = (self.bar_mm(setup).powi(2) - self.cup_y_mm.powi(2), setup.pivot_mm);
+        match self.kind {
+            // (R sin)² + y² + (below - Z - R cos)² = L²
+            Kind::Zb => {
+                let rest = bar2 - (r * sin).powi(2);
+                let up_mm = r * cos + rest.sqrt() - setup.below_mm;
+                (rest > 0.0).then_some(Pose { b_rad, x_mm: 0.0, up_mm })
+            }
+            Kind::Xb => {
+                let up_mm = 1.25 * r - setup.below_mm;
+                let rest = bar2 - (1.25 * r - r * cos).powi(2);
+                (rest > 0.0).then(|| Pose { b_rad, x_mm: r * sin + rest.sqrt(), up_mm })
+            }
+        }
+    }
+
+    /// `steps + 1` poses from one angle to another with equal distances between tool points: at equal times, constant speed.
+    pub fn plan(
+        &self,
+        setup: &Setup,
+        from_deg: f64,
+        to_deg: f64,
+        steps: usize,
+    ) -> Result<Vec<Pose>> {
+        setup.validate()?;
+        if !(1..=100_000).contains(&steps)
+            || !from_deg.is_finite()
+            || !to_deg.is_finite()
+            || from_deg == to_deg
+        {
+            return Err(Error::option(
+                "--from-deg, --to-deg, --steps",
+                "make no path",
+                "give two angles and 1 to 100000 steps",
+            ));
+        }
+        let fine = 16 * steps;
+        let angle =
+            |i: usize| (from_deg + (to_deg - from_deg) * i as f64 / fine as f64).to_radians();
+        let mut lengths = Vec::with_capacity(fine + 1);
+        let mut last: Option<[f64; 2]> = None;
+        let mut total = 0.0;
+        for i in 0..=fine {
+            let pose = self.pose(setup, angle(i)).ok_or_else(|| {
+                Error::measure(
+                    format!("path {}", self.name()),
+                    format!(
+                        "the bar of {} mm does not reach at B = {:.2}°",
+                        setup.bar_mm,
+                        angle(i).to_degrees()
+                    ),
+                    "give a smaller range of B, a longer bar or a smaller shift of the cup",
+                )
+            })?;
+            let (sin, cos) = pose.b_rad.sin_cos();
+            let tool = [pose.x_mm - setup.pivot_mm * sin, pose.up_mm - setup.pivot_mm * cos];
+            if let Some(before) = last {
+                total += (tool[0] - before[0]).hypot(tool[1] - before[1]);
+            }
+            lengths.push(total);
+            last = Some(tool);
+        }
+        let mut poses = Vec::with_capacity(steps + 1);
+        for k in 0..=steps {
+            let wanted = total * k as f64 / steps as f64;
+            let i = lengths.partition_point(|&l| l < wanted).clamp(1, fine);
+            let part = (wanted - lengths[i - 1]) / (lengths[i] - lengths[i - 1]);
+            let b = angle(i - 1) + (angle(i) - angle(i - 1)) * part;
+            poses.extend(self.pose(setup, b));
+        }
+        Ok(poses)
+    }
+}
+
+/// G-code of a path there and back, in inverse time so that every step takes as long. `zero_mm` is where the machine's
+/// X and Z stand at the path's zero (B axis above the base cup).
+pub fn gcode(
+    path: &Path,
+    poses: &[Pose],
+    feed_mm_min: f64,
+    step_mm: f64,
+    zero_mm: [f64; 2],
+) -> String {
+    let mut out = format!(
+        "(ball bar path {}: {} points, {step_mm:.4} mm apart at {feed_mm_min} mm/min)\nG90 G94\n",
+        path.name(),
+        poses.len()
+    );
+    let words = |p: &Pose| {
+        format!(
+            "X{:.4} Z{:.4} B{:.4}",
+            zero_mm[0] + p.x_mm + 0.0,
+            zero_mm[1] + p.up_mm + 0.0,
+            p.b_rad.to_degrees() + 0.0
+        )
+    };
+    if let Some(first) = poses.first() {
+        let _ = writeln!(out, "G1 {} F500\nM0 (mount the bar)\nG93", words(first));
+    }
+    let rate = feed_mm_min / step_mm;
+    for pose in poses.iter().skip(1).chain(poses.iter().rev().skip(1)) {
+        let _ = writeln!(out, "G1 {} F{rate:.4}", words(pose));
+    }
+    out.push_str("G94\nM30\n");
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_source_path_has_its_steps() {
+        let setup = Setup::default();
+        let poses = Path::SOURCE.plan(&setup, 0.0, -60.0, 600).unwrap();
+        assert_eq!(poses.len(), 601);
+        for pair in poses.windows(2) {
+            let tool = |p: &Pose| [p.x_mm - 400.0 * p.b_rad.sin(), p.up_mm - 400.0 * p.b_rad.cos()];
+            let (a, b) = (tool(&pair[0]), tool(&pair[1]));
+            assert!(
+                ((a[0] - b[0]).hypot(a[1] - b[1]) - 400.0 * std::f64::consts::PI / 1800.0).abs()
+                    < 1e-6
+            );
+            assert!((pair[0].up_mm + 800.0 * (1.0 - pair[0].b_rad.cos())).abs() < 1e-9);
+        }
+        assert!((poses[600].up_mm + 400.0).abs() < 1e-9);
+    }
+}

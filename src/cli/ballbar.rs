@@ -1,0 +1,275 @@
+//! `pivotsight ballbar plan|simulate|decouple`.
+
+use std::path::PathBuf;
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+use serde_json::json;
+
+use super::{Global, Outcome, envelope};
+use crate::ballbar::model::{Bar, Point};
+use crate::ballbar::{ERRORS, Path, Setup, decouple, path, swarm};
+use crate::error::{Error, Result};
+use crate::output::{Document, write_whole};
+
+/// Ball bar with B and a linear axis moving together
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    Plan(PlanArgs),
+    Simulate(SimulateArgs),
+    Decouple(DecoupleArgs),
+}
+
+#[derive(Debug, Clone, clap::Args)]
+struct SetupArgs {
+    /// Length of the bar
+    #[arg(long, value_name = "MM", default_value_t = 400.0)]
+    bar_mm: f64,
+    /// From the B axis to the tool ball
+    #[arg(long, value_name = "MM", default_value_t = 400.0)]
+    pivot_mm: f64,
+    /// Base ball below the B axis at zero
+    #[arg(long, value_name = "MM", default_value_t = 800.0)]
+    below_mm: f64,
+}
+
+impl SetupArgs {
+    fn setup(&self) -> Setup {
+        Setup { bar_mm: self.bar_mm, pivot_mm: self.pivot_mm, below_mm: self.below_mm }
+    }
+}
+
+#[derive(Debug, Clone, clap::Args)]
+struct RangeArgs {
+    /// First B angle
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    from_deg: f64,
+    /// Last B angle
+    #[arg(long, value_name = "DEG", default_value_t = -60.0, allow_negative_numbers = true)]
+    to_deg: f64,
+    /// Number of equal steps along the arc
+    #[arg(long, default_value_t = 600)]
+    steps: usize,
+}
+
+/// Positions with equal steps along the arc, and G-code at constant speed
+#[derive(Debug, clap::Args)]
+struct PlanArgs {
+    /// zb (the source's), xb; with a shift of the base cup in Y zb-y150 (longer bar) or zbk-y150 (same bar)
+    #[arg(long, default_value = "zb")]
+    path: String,
+    #[command(flatten)]
+    setup: SetupArgs,
+    #[command(flatten)]
+    range: RangeArgs,
+    /// Write G-code, there and back, to FILE
+    #[arg(long, value_name = "FILE")]
+    gcode: Option<PathBuf>,
+    /// Speed of the tool ball
+    #[arg(long, value_name = "MM/MIN", default_value_t = 500.0)]
+    feed_mm_min: f64,
+    /// Machine X where the B axis is above the base cup
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    x_zero_mm: f64,
+    /// Machine Z at the start of the source's path
+    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    z_zero_mm: f64,
+}
+
+/// Lengths a machine with known errors would show
+#[derive(Debug, clap::Args)]
+struct SimulateArgs {
+    /// One or more paths
+    #[arg(long, default_value = "zb", value_delimiter = ',')]
+    path: Vec<String>,
+    #[command(flatten)]
+    setup: SetupArgs,
+    #[command(flatten)]
+    range: RangeArgs,
+    /// Errors: X0B, Z0B in mm; A0B, C0B, A0Z, B0Z in degrees
+    #[arg(long, value_name = "NAME=VALUE", value_delimiter = ',', allow_hyphen_values = true)]
+    error: Vec<String>,
+    /// Standard deviation of a length
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    noise_mm: f64,
+    /// Same seed, same noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+/// Take the errors apart: what is visible, with uncertainty, and what is not
+#[derive(Debug, clap::Args)]
+struct DecoupleArgs {
+    /// CSV with b_deg,length_mm and optionally x_mm,z_mm,path,cup_y_mm,dir
+    #[arg(long, value_name = "DATA.csv")]
+    data: PathBuf,
+    #[command(flatten)]
+    setup: SetupArgs,
+    /// The base cup's position is not known
+    #[arg(long)]
+    unknown_cup: bool,
+    /// The bar's length is not known
+    #[arg(long)]
+    unknown_bar: bool,
+    /// Standard uncertainty of a length (default: from the residuals)
+    #[arg(long, value_name = "MM")]
+    noise_mm: Option<f64>,
+    /// The path behind a name in the data, for example 2=zb-y150
+    #[arg(long, value_name = "NAME=PATH", value_delimiter = ',')]
+    path: Vec<String>,
+    /// Particles of the swarm
+    #[arg(long, default_value_t = 40)]
+    particles: usize,
+    /// Write ballbar.svg to DIR
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    match &args.command {
+        Command::Plan(args) => plan(args, global),
+        Command::Simulate(args) => simulate(args),
+        Command::Decouple(args) => take_apart(args, global),
+    }
+}
+
+fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
+    let (path, setup) = (Path::parse(&args.path)?, args.setup.setup());
+    let poses = path.plan(&setup, args.range.from_deg, args.range.to_deg, args.range.steps)?;
+    let tool = |p: &path::Pose| {
+        let (sin, cos) = p.b_rad.sin_cos();
+        [p.x_mm - setup.pivot_mm * sin, p.up_mm - setup.pivot_mm * cos]
+    };
+    let (a, b) = (tool(&poses[0]), tool(&poses[1]));
+    let step_mm = (a[0] - b[0]).hypot(a[1] - b[1]);
+    if let Some(file) = &args.gcode {
+        if !(args.feed_mm_min.is_finite() && args.feed_mm_min > 0.0) {
+            return Err(Error::option("--feed-mm-min", "is not above 0", "give a speed"));
+        }
+        let zero = [args.x_zero_mm, args.z_zero_mm];
+        write_whole(file, path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero).as_bytes())?;
+        global.say(format!("wrote {}", file.display()));
+    }
+    let rows: Vec<serde_json::Value> = poses
+        .iter()
+        .map(|p| {
+            json!({ "path": path.name(), "b_deg": p.b_rad.to_degrees(), "x_mm": p.x_mm, "z_mm": -p.up_mm + 0.0,
+                    "length_mm": path.bar_mm(&setup) })
+        })
+        .collect();
+    let (first, last) = (&poses[0], &poses[poses.len() - 1]);
+    let table = format!(
+        "path {}: {} points {step_mm:.4} mm apart\nB {:.3}° to {:.3}°, X {:.3} to {:.3} mm, Z (down) {:.3} to {:.3} mm\n\
+         bar {:.4} mm; base cup {} mm below the B axis, {} mm off in Y; --format csv gives all points\n",
+        path.name(),
+        poses.len(),
+        first.b_rad.to_degrees(),
+        last.b_rad.to_degrees(),
+        first.x_mm,
+        last.x_mm,
+        -first.up_mm + 0.0,
+        -last.up_mm,
+        path.bar_mm(&setup),
+        setup.below_mm,
+        path.cup_y_mm
+    );
+    let mut json = envelope("ballbar-plan", path.name(), &[]);
+    json.insert("step_mm".into(), step_mm.into());
+    json.insert("rows".into(), rows.clone().into());
+    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+}
+
+fn simulate(args: &SimulateArgs) -> Result<Outcome> {
+    let setup = args.setup.setup();
+    let mut errors = [0.0; 6];
+    for text in &args.error {
+        let wrong = |reason: String| {
+            Error::option("--error", reason, "write for example X0B=0.01,B0Z=-0.002")
+        };
+        let (name, value) =
+            text.split_once('=').ok_or_else(|| wrong(format!("'{text}' has no =")))?;
+        let name = name.trim().to_ascii_uppercase().replace('O', "0");
+        let index = ERRORS
+            .iter()
+            .position(|e| e.0 == name)
+            .ok_or_else(|| wrong(format!("'{name}' is none of X0B Z0B A0B C0B A0Z B0Z")))?;
+        let value: f64 =
+            value.trim().parse().map_err(|_| wrong(format!("'{value}' is no number")))?;
+        errors[index] = if ERRORS[index].1 == "mm" { value } else { value.to_radians() };
+        let most = if ERRORS[index].1 == "mm" { 10.0 } else { 0.1 };
+        if errors[index].is_nan() || errors[index].abs() > most {
+            return Err(wrong(format!("'{text}' is no small error")));
+        }
+    }
+    let noise = Normal::new(0.0, args.noise_mm)
+        .ok()
+        .filter(|_| args.noise_mm >= 0.0)
+        .ok_or_else(|| Error::option("--noise-mm", "is out of range", "give 0 or more"))?;
+    let bar = Bar::new(&setup)?;
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
+    let mut rows = Vec::new();
+    let mut largest: f64 = 0.0;
+    for (index, name) in args.path.iter().enumerate() {
+        let path = Path::parse(name)?;
+        let poses = path.plan(&setup, args.range.from_deg, args.range.to_deg, args.range.steps)?;
+        let lengths = bar.known(&Point::of(&path, index, &poses), &errors)?;
+        for (pose, length) in poses.iter().zip(lengths) {
+            largest = largest.max((length - path.bar_mm(&setup)).abs());
+            rows.push(
+                json!({ "path": path.name(), "b_deg": pose.b_rad.to_degrees(), "x_mm": pose.x_mm,
+                "z_mm": -pose.up_mm + 0.0, "length_mm": length + noise.sample(&mut random) }),
+            );
+        }
+    }
+    let table = format!(
+        "{} points on {}; the length changes by up to {largest:.5} mm; --format csv gives them\n",
+        rows.len(),
+        args.path.join(", ")
+    );
+    let mut json = envelope("ballbar-simulate", &args.path, &[]);
+    json.insert("rows".into(), rows.clone().into());
+    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+}
+
+fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
+    let mut paths = Vec::new();
+    for text in &args.path {
+        let (name, path) = text.split_once('=').ok_or_else(|| {
+            Error::option(
+                "--path",
+                format!("'{text}' has no ="),
+                "write NAME=PATH, for example 2=zb-y150",
+            )
+        })?;
+        paths.push((name.to_owned(), Path::parse(path)?));
+    }
+    if !(5..=10_000).contains(&args.particles) {
+        return Err(Error::option("--particles", "is out of range", "give 5 to 10000"));
+    }
+    let options = decouple::Options {
+        setup: args.setup.setup(),
+        unknown_cup: args.unknown_cup,
+        unknown_bar: args.unknown_bar,
+        noise_mm: args.noise_mm,
+        paths,
+        swarm: swarm::Options { particles: args.particles, ..swarm::Options::default() },
+    };
+    options.setup.validate()?;
+    let report = decouple::decouple(&decouple::Data::read(&args.data, &options)?, &options)?;
+    report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    if let Some(folder) = &args.plot {
+        global.say(format!("wrote {}", report.figure().write(folder, "ballbar")?.display()));
+    }
+    let mut json = envelope("ballbar-decouple", &args.data, &report.warnings);
+    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&report) {
+        json.extend(keys);
+    }
+    Ok(Outcome::good(Document::single(json.into(), report.text())))
+}

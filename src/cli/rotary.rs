@@ -1,0 +1,107 @@
+//! `pivotsight rotary`: deviations in, new pitch-error table out.
+
+use std::path::PathBuf;
+
+use super::{Global, Outcome, envelope};
+use crate::error::Result;
+use crate::output::{Document, write_whole};
+use crate::rotary::{self, Options, Sweep, export};
+
+/// Correct a rotary axis' pitch-error table from RTCP deviations
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// CSV with angle_deg,deviation_mm and optionally dir,run,comp_deg
+    deviations: PathBuf,
+    /// Measured distance from the rotary axis to the tool point
+    #[arg(long, value_name = "L")]
+    pivot_mm: f64,
+    /// Its standard uncertainty
+    #[arg(long, value_name = "U", default_value_t = 0.0)]
+    pivot_u_mm: f64,
+    /// Deviations at or under this are left alone
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
+    dead_band_mm: f64,
+    /// Standard uncertainty of one reading (default: from repeated runs, else from the curve's roughness)
+    #[arg(long, value_name = "MM")]
+    noise_mm: Option<f64>,
+    /// The axis turns without end: 360° is 0°
+    #[arg(long)]
+    modulo: bool,
+    /// -1 if a positive comp_deg in the file moves the axis in its negative direction (Siemens)
+    #[arg(long, value_name = "1|-1", default_value_t = 1.0, allow_negative_numbers = true)]
+    comp_sense: f64,
+    /// comp_deg holds steps from one angle to the next, and a CSV table is written so
+    #[arg(long)]
+    incremental: bool,
+    /// Angle of the reference position, where an incremental table is zero
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    reference_deg: f64,
+    /// Write the new table to FILE
+    #[arg(long, value_name = "FILE")]
+    table: Option<PathBuf>,
+    /// For which control
+    #[arg(long, value_enum, default_value = "csv")]
+    control: export::Control,
+    /// The axis' name in the control
+    #[arg(long, default_value = "B")]
+    axis: String,
+    /// The axis' number (FANUC)
+    #[arg(long, value_name = "N", default_value_t = 4)]
+    axis_number: u32,
+    /// Least step of a table entry
+    #[arg(long, value_name = "DEG", default_value_t = 0.0001)]
+    resolution_deg: f64,
+    /// Distance between table points (default: the smallest measured step)
+    #[arg(long, value_name = "DEG")]
+    step_deg: Option<f64>,
+    /// Number of the table point at the reference position (FANUC)
+    #[arg(long, value_name = "N", default_value_t = 100)]
+    reference_point: u32,
+    /// Write rotary.svg to DIR
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let options = Options {
+        pivot_u_mm: args.pivot_u_mm,
+        dead_band_mm: args.dead_band_mm,
+        noise_mm: args.noise_mm,
+        modulo: args.modulo,
+        comp_sense: args.comp_sense,
+        incremental: args.incremental,
+        reference_deg: args.reference_deg,
+        ..Options::new(args.pivot_mm)
+    };
+    let sweep = Sweep::read(&args.deviations, args.modulo)?;
+    let report = rotary::correct(&sweep, &options)?;
+    if let Some(path) = &args.table {
+        let table = export::text(
+            &report,
+            &export::Options {
+                control: args.control,
+                axis: args.axis.clone(),
+                axis_number: args.axis_number,
+                resolution_deg: args.resolution_deg,
+                step_deg: args.step_deg,
+                incremental: args.incremental,
+                reference_point: args.reference_point,
+                reference_deg: args.reference_deg,
+            },
+        )?;
+        write_whole(path, table.as_bytes())?;
+        global.say(format!("wrote {}", path.display()));
+    }
+    if let Some(folder) = &args.plot {
+        let path = report.figure(args.dead_band_mm).write(folder, "rotary")?;
+        global.say(format!("wrote {}", path.display()));
+    }
+    report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let mut json = envelope("rotary", &args.deviations, &report.warnings);
+    if let serde_json::Value::Object(keys) = report.json() {
+        json.extend(keys);
+    }
+    let rows = json["rows"].as_array().cloned().unwrap_or_default();
+    Ok(Outcome::good(Document { json: json.into(), rows, table: report.text() }))
+}

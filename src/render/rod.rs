@@ -1,0 +1,494 @@
+//! Captures of a check rod's rim: a bright end face, a chamfer lit from one side, a table in shadow.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::{Rotation2, Vector2};
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use super::camera::{Camera, Optics, Sensor};
+use super::draw::{Dice, Draw};
+use super::expose::{Band, Patch, Scene, expose};
+use super::mark::{Contour, Dot, Fade, Profile};
+use super::noise::{Around, Grain, grain_seed};
+use super::picture::Picture;
+use super::scene::{AsScene, Preset, parse, read};
+use super::surface::{Glare, Light, Metal, Specks, Surface};
+use crate::camera::View;
+use crate::error::Result;
+
+/// A rod's scene file: every number fixed or drawn ([`Draw`]).
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RodScene {
+    schema: u32,
+    kind: String,
+    #[serde(skip)]
+    origin: PathBuf,
+    /// Optics and geometry.
+    #[serde(default)]
+    pub camera: Optics,
+    /// From light to numbers.
+    #[serde(default)]
+    pub sensor: Sensor,
+    /// How the scene is lit.
+    #[serde(default)]
+    pub light: Light,
+    /// The end face's metal.
+    #[serde(default)]
+    pub surface: Surface,
+    /// The rod.
+    #[serde(default)]
+    pub rod: Rod,
+    /// Where the C axis is and how the rod sits on it.
+    #[serde(default)]
+    pub axis: Axis,
+    /// What is photographed.
+    #[serde(default)]
+    pub captures: Captures,
+    /// Dirt in each capture, half of it on the rim.
+    #[serde(default)]
+    pub dirt: Specks,
+}
+
+/// `[rod]`: the rod and the table behind it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Rod {
+    /// Nominal diameter of the rod, the outer edge (default 12 to 25).
+    pub diameter_mm: Draw,
+    /// Width of the chamfer, 0 for none (default 0.3).
+    pub chamfer_mm: Draw,
+    /// Radiance of the chamfer where the light falls on it (default 0.95).
+    pub chamfer_lit: Draw,
+    /// Radiance of the chamfer on the far side from the light (default 0.12).
+    pub chamfer_dark: Draw,
+    /// Radiance of the table (default 0.15; above the face's for a lit table).
+    pub table: Draw,
+    /// Relative unevenness of the table (default 0).
+    pub table_mottle: Draw,
+    /// Direction the light comes from, from X towards Y (default any).
+    pub light_deg: Draw,
+    /// How much of the table's light the rod's shadow takes (default 0.5).
+    pub shadow: Draw,
+    /// Length of the shadow (default 0.6).
+    pub shadow_mm: Draw,
+    /// Width over which both edges fade from 90 % to 10 %, before the optics (default 0.005).
+    pub softness_mm: Draw,
+    /// Standard deviation of the rod's form about its nominal circle (default 0).
+    pub form_rms_mm: Draw,
+    /// Correlation length of that along the rim (default 2).
+    pub form_length_mm: Draw,
+    /// Whether the end face is turned (lines around its centre) or ground (straight lines) (default true).
+    pub turned: bool,
+}
+
+impl Default for Rod {
+    fn default() -> Self {
+        Self {
+            diameter_mm: [12.0, 25.0].into(),
+            chamfer_mm: 0.3.into(),
+            chamfer_lit: 0.95.into(),
+            chamfer_dark: 0.12.into(),
+            table: 0.15.into(),
+            table_mottle: 0.0.into(),
+            light_deg: [0.0, 360.0].into(),
+            shadow: 0.5.into(),
+            shadow_mm: 0.6.into(),
+            softness_mm: 0.005.into(),
+            form_rms_mm: 0.0.into(),
+            form_length_mm: 2.0.into(),
+            turned: true,
+        }
+    }
+}
+
+/// `[axis]`: the C axis and the rod's seat.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Axis {
+    /// The C axis in machine coordinates (default within ±50).
+    pub center_mm: [Draw; 2],
+    /// Distance of the rod's centre from the C axis (default 0).
+    pub eccentricity_mm: Draw,
+    /// Direction of that at C = 0 (default any).
+    pub eccentricity_deg: Draw,
+    /// +1: positive C turns the table counter-clockwise seen from above; -1: clockwise (default 1).
+    pub c_sense: i8,
+}
+
+impl Default for Axis {
+    fn default() -> Self {
+        Self {
+            center_mm: [[-50.0, 50.0].into(), [-50.0, 50.0].into()],
+            eccentricity_mm: 0.0.into(),
+            eccentricity_deg: [0.0, 360.0].into(),
+            c_sense: 1,
+        }
+    }
+}
+
+/// `[captures]`: the pictures taken of one rod.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Captures {
+    /// C angles at which the rim is photographed (default just 0).
+    pub c_deg: Vec<f64>,
+    /// Pictures at each of them (default 6).
+    pub per_angle: Draw,
+    /// Part of the rim over which they are spread (default 360).
+    pub span_deg: Draw,
+    /// How far from the rim the frame's middle may stray (default 0.3).
+    pub stray_mm: Draw,
+    /// Standard deviation of the machine's true position about the one it shows (default 0).
+    pub position_noise_mm: Draw,
+}
+
+impl Default for Captures {
+    fn default() -> Self {
+        Self {
+            c_deg: vec![0.0],
+            per_angle: 6.0.into(),
+            span_deg: 360.0.into(),
+            stray_mm: 0.3.into(),
+            position_noise_mm: 0.0.into(),
+        }
+    }
+}
+
+/// One picture of the rim.
+#[derive(Debug, Clone)]
+pub struct Capture {
+    /// The picture.
+    pub picture: Picture,
+    /// Machine coordinates that the control shows, to its last digit (1 µm).
+    pub machine_mm: [f64; 2],
+    /// C angle.
+    pub c_deg: f64,
+}
+
+/// The rod's centre at one C angle.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RodCenter {
+    /// C angle.
+    pub c_deg: f64,
+    /// Machine coordinates.
+    pub center_mm: [f64; 2],
+}
+
+/// What is true of a rendered rod.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RodTruth {
+    /// The seed it was drawn with.
+    pub seed: u64,
+    /// The C axis in machine coordinates.
+    pub axis_center_mm: [f64; 2],
+    /// The rod's centre at each C angle.
+    pub rod_centers: Vec<RodCenter>,
+    /// Distance of the rod's centre from the C axis.
+    pub eccentricity_mm: f64,
+    /// Nominal diameter of the outer edge.
+    pub diameter_mm: f64,
+    /// Every number of the scene as drawn.
+    pub drawn: Map<String, Value>,
+}
+
+/// All captures of one rod, their camera and their truth.
+#[derive(Debug, Clone)]
+pub struct RenderedRod {
+    /// The pictures with what the control showed.
+    pub captures: Vec<Capture>,
+    /// The camera that took them.
+    pub camera: Camera,
+    /// What is true of them.
+    pub truth: RodTruth,
+}
+
+impl AsScene for RodScene {
+    const KIND: &'static str = "rod";
+    fn header(&self) -> (u32, &str) {
+        (self.schema, &self.kind)
+    }
+    fn origin_mut(&mut self) -> &mut PathBuf {
+        &mut self.origin
+    }
+}
+
+impl RodScene {
+    /// Reads a scene file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        read(path.as_ref())
+    }
+
+    /// A scene that comes with the program (`src/render/presets/rod-*.toml`).
+    pub fn preset(preset: Preset) -> Result<Self> {
+        let text = match preset {
+            Preset::Clean => include_str!("presets/rod-clean.toml"),
+            Preset::Typical => include_str!("presets/rod-typical.toml"),
+            Preset::Hard => include_str!("presets/rod-hard.toml"),
+        };
+        parse(Path::new(&format!("preset {}", preset.word())), text)
+    }
+
+    /// The camera that this seed draws.
+    pub fn draw_camera(&self, seed: u64) -> Result<Camera> {
+        self.camera.draw(&mut Dice::new(&self.origin, seed, 0))
+    }
+}
+
+/// Renders the rod that `seed` draws from the scene, camera included.
+pub fn render(scene: &RodScene, seed: u64) -> Result<RenderedRod> {
+    render_with(scene, &scene.draw_camera(seed)?, seed)
+}
+
+/// As [`render`], seen by a given camera.
+pub fn render_with(scene: &RodScene, camera: &Camera, seed: u64) -> Result<RenderedRod> {
+    let mut dice = Dice::new(&scene.origin, seed, 1);
+    let (width, height) = (scene.camera.width_px, scene.camera.height_px);
+    let view = camera.calibration.view(width as usize, height as usize)?;
+    let metal = Shape::draw(scene, &mut dice)?;
+    let axis: Vector2<f64> =
+        dice.roll2("axis.center_mm", &scene.axis.center_mm, -1e5..=1e5)?.into();
+    let eccentricity =
+        dice.roll("axis.eccentricity_mm", &scene.axis.eccentricity_mm, 0.0..=10.0)?;
+    let toward =
+        dice.roll("axis.eccentricity_deg", &scene.axis.eccentricity_deg, -360.0..=360.0)?;
+    if scene.axis.c_sense.abs() != 1 {
+        return Err(dice.fault("axis.c_sense", "is neither 1 nor -1", "choose one of them"));
+    }
+    let seat = Rotation2::new(toward.to_radians()) * Vector2::new(eccentricity, 0.0);
+    let shade = scene.light.shade(&mut dice, width, height)?;
+    let plan = plan(scene, axis, metal.outer.radius_mm, &mut dice)?;
+    let mut captures = Vec::with_capacity(plan.len());
+    let mut rod_centers: Vec<RodCenter> = Vec::new();
+    for (i, shot) in plan.iter().enumerate() {
+        let turn = (f64::from(scene.axis.c_sense) * shot.c_deg).to_radians();
+        let center = axis + Rotation2::new(turn) * seat;
+        if rod_centers.last().is_none_or(|r| r.c_deg != shot.c_deg) {
+            rod_centers.push(RodCenter { c_deg: shot.c_deg, center_mm: center.into() });
+        }
+        let sight = Sight::draw(scene, &metal, &view, center - shot.camera, turn, &mut dice)?;
+        let noise_seed = seed ^ ((i as u64 + 1) << 40);
+        let picture = expose(&sight, camera, &scene.sensor, &shade, &mut dice, noise_seed)?;
+        captures.push(Capture { picture, machine_mm: shot.shown.into(), c_deg: shot.c_deg });
+    }
+    let truth = RodTruth {
+        seed,
+        axis_center_mm: axis.into(),
+        rod_centers,
+        eccentricity_mm: eccentricity,
+        diameter_mm: 2.0 * metal.outer.radius_mm,
+        drawn: dice.drawn,
+    };
+    Ok(RenderedRod { captures, camera: camera.clone(), truth })
+}
+
+/// One planned capture.
+struct Shot {
+    c_deg: f64,
+    /// What the control shows.
+    shown: Vector2<f64>,
+    /// Where the camera axis really is.
+    camera: Vector2<f64>,
+}
+
+/// Spreads the captures along the rim, anew at each C angle.
+fn plan(
+    scene: &RodScene,
+    axis: Vector2<f64>,
+    radius_mm: f64,
+    dice: &mut Dice,
+) -> Result<Vec<Shot>> {
+    let wish = &scene.captures;
+    if wish.c_deg.is_empty() || !wish.c_deg.iter().all(|c| c.is_finite()) {
+        return Err(dice.fault(
+            "captures.c_deg",
+            "has no finite angle",
+            "give at least one, as [0.0]",
+        ));
+    }
+    let count = dice.roll("captures.per_angle", &wish.per_angle, 1.0..=1000.0)?.round();
+    let span = dice.roll("captures.span_deg", &wish.span_deg, 0.0..=360.0)?.to_radians();
+    let stray = dice.roll("captures.stray_mm", &wish.stray_mm, 0.0..=100.0)?;
+    let noise = dice.roll("captures.position_noise_mm", &wish.position_noise_mm, 0.0..=1.0)?;
+    let mut shots = Vec::new();
+    for &c_deg in &wish.c_deg {
+        let start = dice.direction();
+        for i in 0..count as usize {
+            let angle = start + span * (i as f64 + dice.between(-0.15, 0.15)) / count;
+            let (sin, cos) = angle.sin_cos();
+            let stray = Vector2::new(dice.between(-stray, stray), dice.between(-stray, stray));
+            let wanted = axis + Vector2::new(cos, sin) * radius_mm + stray;
+            let shown = wanted.map(|x| (x * 1000.0).round() / 1000.0);
+            let camera = shown + Vector2::new(dice.normal(), dice.normal()) * noise;
+            shots.push(Shot { c_deg, shown, camera });
+        }
+    }
+    Ok(shots)
+}
+
+/// The rod itself, the same in every capture.
+struct Shape {
+    metal: Metal,
+    turned: bool,
+    outer: Contour,
+    face: Contour,
+    chamfer_lit: f64,
+    chamfer_dark: f64,
+    table: f64,
+    table_mottle: f64,
+    blotches: Grain,
+    light: Vector2<f64>,
+    shadow: f64,
+    shadow_mm: f64,
+}
+
+impl Shape {
+    fn draw(scene: &RodScene, dice: &mut Dice) -> Result<Self> {
+        let rod = &scene.rod;
+        let radius = dice.roll("rod.diameter_mm", &rod.diameter_mm, 0.5..=1000.0)? / 2.0;
+        let chamfer = dice.roll("rod.chamfer_mm", &rod.chamfer_mm, 0.0..=100.0)?.min(0.9 * radius);
+        let softness = dice.roll("rod.softness_mm", &rod.softness_mm, 0.0..=1.0)?;
+        let rms = dice.roll("rod.form_rms_mm", &rod.form_rms_mm, 0.0..=0.5)?;
+        let length = dice.roll("rod.form_length_mm", &rod.form_length_mm, 0.05..=1000.0)?;
+        let mut contour = |radius_mm: f64| Contour {
+            radius_mm,
+            form_mm: Around::ragged(&mut dice.rng, rms, length, radius_mm),
+            fade: Fade::new(softness, Profile::Gaussian),
+        };
+        let (outer, face) = (contour(radius), contour(radius - chamfer));
+        let light = dice.roll("rod.light_deg", &rod.light_deg, -360.0..=360.0)?.to_radians();
+        Ok(Self {
+            metal: scene.surface.metal(dice)?,
+            turned: rod.turned,
+            outer,
+            face,
+            chamfer_lit: dice.roll("rod.chamfer_lit", &rod.chamfer_lit, 0.0..=5.0)?,
+            chamfer_dark: dice.roll("rod.chamfer_dark", &rod.chamfer_dark, 0.0..=5.0)?,
+            table: dice.roll("rod.table", &rod.table, 0.0..=5.0)?,
+            table_mottle: dice.roll("rod.table_mottle", &rod.table_mottle, 0.0..=1.0)?,
+            blotches: Grain::new(grain_seed(&mut dice.rng), 0.25, 0.25, 0.0),
+            light: Vector2::new(light.cos(), light.sin()),
+            shadow: dice.roll("rod.shadow", &rod.shadow, 0.0..=1.0)?,
+            shadow_mm: dice.roll("rod.shadow_mm", &rod.shadow_mm, 0.001..=100.0)?,
+        })
+    }
+}
+
+/// The rod as one capture sees it.
+struct Sight<'a> {
+    rod: &'a Shape,
+    center: Vector2<f64>,
+    turn: f64,
+    unturn: Rotation2<f64>,
+    glare: Glare,
+    dirt: Vec<Dot>,
+}
+
+impl<'a> Sight<'a> {
+    fn draw(
+        scene: &RodScene,
+        rod: &'a Shape,
+        view: &View,
+        center: Vector2<f64>,
+        turn: f64,
+        dice: &mut Dice,
+    ) -> Result<Self> {
+        let half =
+            Vector2::new(view.width_px() as f64, view.height_px() as f64) / 2.0 * view.pixel_mm();
+        let glare = scene.light.glare(dice, Vector2::zeros(), half.y)?;
+        let dirt = scene.dirt.strew(dice, "dirt", |dice| {
+            let p = Vector2::new(dice.between(-half.x, half.x), dice.between(-half.y, half.y));
+            let from = p - center;
+            if dice.between(0.0, 1.0) < 0.5 && from.norm() > 0.0 {
+                center + from.normalize() * (rod.outer.radius_mm + dice.between(-0.15, 0.15))
+            } else {
+                p
+            }
+        })?;
+        Ok(Self { rod, center, turn, unturn: Rotation2::new(-turn), glare, dirt })
+    }
+}
+
+/// What of a rod concerns one tile.
+struct Near {
+    dots: Vec<Dot>,
+}
+
+/// Texture, table and glare at a pixel.
+#[derive(Clone, Copy)]
+struct Ground {
+    face: f64,
+    table: f64,
+    glare: f64,
+}
+
+impl Scene for Sight<'_> {
+    type Local = Near;
+    type Ground = Ground;
+
+    fn local(&self, patch: Patch) -> (Near, usize) {
+        let r = (patch.middle_mm - self.center).norm();
+        let samples = |c: &Contour| c.samples(r, patch.radius_mm, patch.pixel_mm);
+        let touches = |d: &&Dot| d.touches(patch.middle_mm, patch.radius_mm);
+        let dots: Vec<Dot> = self.dirt.iter().filter(touches).copied().collect();
+        let most = samples(&self.rod.outer).max(samples(&self.rod.face)).max(if dots.is_empty() {
+            1
+        } else {
+            2
+        });
+        (Near { dots }, most)
+    }
+
+    fn ground(&self, p: Vector2<f64>) -> Ground {
+        let rod = self.rod;
+        // The table and the rod turn together.
+        let d = self.unturn * (p - self.center);
+        let r = d.norm();
+        let face = if r > rod.outer.radius_mm + 0.2 {
+            1.0
+        } else if rod.turned {
+            rod.metal.turned(r, d.y.atan2(d.x))
+        } else {
+            rod.metal.texture(d)
+        };
+        let mottle = if rod.table_mottle == 0.0 {
+            1.0
+        } else {
+            (1.0 + rod.table_mottle * rod.blotches.at(d.x, d.y)).max(0.1)
+        };
+        Ground { face, table: rod.table * mottle, glare: self.glare.at(p) }
+    }
+
+    fn radiance(&self, near: &Near, ground: Ground, p: Vector2<f64>, sample: f64, _: Band) -> f64 {
+        let rod = self.rod;
+        let d = p - self.center;
+        let r = d.norm();
+        let angle = || d.y.atan2(d.x) - self.turn;
+        let on_rod = rod.outer.inside(r, angle, sample);
+        let on_face = rod.face.inside(r, angle, sample);
+        // Cosine of the angle between this place on the rim and the light.
+        let facing = d.dot(&rod.light) / r.max(1e-9);
+        let mut value = ground.table * (1.0 - rod.shadow * self.shadow(r, facing));
+        if on_rod > 0.0 {
+            let lit = (0.5 + 0.5 * facing).powi(2);
+            let chamfer = rod.chamfer_dark + (rod.chamfer_lit - rod.chamfer_dark) * lit;
+            value += (chamfer * (0.5 + 0.5 * ground.face) - value) * on_rod;
+            value += (rod.metal.level * ground.face - value) * on_face;
+        }
+        value += ground.glare * (0.3 + 0.7 * on_rod);
+        for dot in &near.dots {
+            value += (dot.level - value) * dot.cover(p);
+        }
+        value.max(0.0)
+    }
+}
+
+impl Sight<'_> {
+    /// The rod's shadow on the table: deepest at the rim on the side away from the light.
+    fn shadow(&self, r_mm: f64, facing: f64) -> f64 {
+        let side = (-facing).max(0.0);
+        let t = (1.0 - (r_mm - self.rod.outer.radius_mm).max(0.0) / self.rod.shadow_mm).max(0.0);
+        side * t * t * (3.0 - 2.0 * t)
+    }
+}

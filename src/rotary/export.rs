@@ -1,0 +1,275 @@
+//! The new table as text for a control.
+//!
+//! Senses: a result's entry adds to the commanded angle. Siemens counts the other way ("a positive
+//! compensation value causes the axis to move in the negative direction", Function Manual K3), LinuxCNC's
+//! trim and Fanuc's pulses count the same way; each file says which sense it is written in.
+
+use std::fmt::Write;
+
+use super::curve::Curve;
+use super::{Direction, Report};
+use crate::error::{Error, Result};
+
+/// For which control a table is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Control {
+    /// `angle_deg,comp_deg` or `angle_deg,comp_plus_deg,comp_minus_deg`
+    Csv,
+    /// SINUMERIK `$AA_ENC_COMP` archive
+    Siemens,
+    /// FANUC stored pitch error data (No. 10000 and up) with its parameters
+    Fanuc,
+    /// LinuxCNC `COMP_FILE` of type 1
+    Linuxcnc,
+}
+
+/// How a table is written.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The control.
+    pub control: Control,
+    /// The axis' name there.
+    pub axis: String,
+    /// The axis' number (FANUC).
+    pub axis_number: u32,
+    /// The least step of an entry: 0.0001° suits most controls.
+    pub resolution_deg: f64,
+    /// Distance between table points; `None`: the smallest measured step.
+    pub step_deg: Option<f64>,
+    /// CSV entries are steps from one angle to the next.
+    pub incremental: bool,
+    /// FANUC: number of the table point at the reference angle.
+    pub reference_point: u32,
+    /// FANUC: the reference position's angle.
+    pub reference_deg: f64,
+}
+
+/// Even grid with the values of one direction, or of both.
+struct Grid {
+    angles: Vec<f64>,
+    up: Vec<f64>,
+    down: Option<Vec<f64>>,
+}
+
+impl Grid {
+    fn of(report: &Report, options: &Options) -> Result<Self> {
+        let both =
+            Curve::of(report, Some(Direction::Up)).zip(Curve::of(report, Some(Direction::Down)));
+        if let Some((up, down)) = both {
+            let angles = up.grid(options.step_deg)?;
+            let values = |c: &Curve| angles.iter().map(|&a| c.at(a)).collect();
+            return Ok(Self { up: values(&up), down: Some(values(&down)), angles });
+        }
+        let only = [None, Some(Direction::Up), Some(Direction::Down)]
+            .into_iter()
+            .find_map(|d| Curve::of(report, d))
+            .ok_or_else(|| {
+                Error::measure("table", "the sweep has no rows", "measure some angles")
+            })?;
+        let angles = only.grid(options.step_deg)?;
+        Ok(Self { up: angles.iter().map(|&a| only.at(a)).collect(), down: None, angles })
+    }
+
+    fn step(&self) -> f64 {
+        if self.angles.len() > 1 { self.angles[1] - self.angles[0] } else { 0.0 }
+    }
+
+    fn ends(&self) -> (f64, f64) {
+        (self.angles[0], self.angles[self.angles.len() - 1])
+    }
+}
+
+/// The table's text.
+pub fn text(report: &Report, options: &Options) -> Result<String> {
+    if !(options.resolution_deg.is_finite() && options.resolution_deg > 0.0) {
+        return Err(Error::option("--resolution-deg", "is not above 0", "give for example 0.0001"));
+    }
+    if options.axis.is_empty() || !options.axis.chars().all(|c| c.is_ascii_alphanumeric()) {
+        return Err(Error::option(
+            "--axis",
+            "is no axis name",
+            "give letters and digits, for example B",
+        ));
+    }
+    let grid = Grid::of(report, options)?;
+    match options.control {
+        Control::Csv => Ok(csv(&grid, options)),
+        Control::Siemens => Ok(siemens(&grid, report.modulo, options)),
+        Control::Fanuc => fanuc(&grid, report.modulo, options),
+        Control::Linuxcnc => linuxcnc(&grid, options),
+    }
+}
+
+/// Rounded to the control's least step, without a minus on zero.
+fn rounded(value: f64, step: f64) -> f64 {
+    (value / step).round() * step + 0.0
+}
+
+/// Digits that show the least step.
+fn decimals(step: f64) -> usize {
+    (-step.log10()).ceil().clamp(0.0, 9.0) as usize
+}
+
+fn number(value: f64, step: f64) -> String {
+    let text = format!("{:.*}", decimals(step), rounded(value, step));
+    if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    }
+}
+
+/// An angle with no more digits than it needs, at least one after the point.
+fn short(angle: f64) -> String {
+    format!("{:?}", rounded(angle, 1e-6))
+}
+
+fn csv(grid: &Grid, options: &Options) -> String {
+    let columns: Vec<&Vec<f64>> = std::iter::once(&grid.up).chain(grid.down.as_ref()).collect();
+    let word = if options.incremental { "step" } else { "comp" };
+    let mut out = match columns.len() {
+        1 => format!("angle_deg,{word}_deg\n"),
+        _ => format!("angle_deg,{word}_plus_deg,{word}_minus_deg\n"),
+    };
+    let r = options.resolution_deg;
+    for (i, angle) in grid.angles.iter().enumerate() {
+        let _ = write!(out, "{}", short(*angle));
+        for values in &columns {
+            // Steps of the rounded table, so that their sum has no drift.
+            let before = if options.incremental && i > 0 { rounded(values[i - 1], r) } else { 0.0 };
+            let _ = write!(out, ",{}", number(rounded(values[i], r) - before, r));
+        }
+        out.push('\n');
+    }
+    out
+}
+
+fn siemens(grid: &Grid, modulo: bool, options: &Options) -> String {
+    let axis = &options.axis;
+    let mut out = format!(
+        "%_N_AX_EEC_INI\nCHANDATA(1)\n; {axis}: encoder compensation in degrees; a positive value moves the axis in its negative direction\n\
+         ; needs MD38000 $MA_MM_ENC_COMP_MAX_POINTS >= {}; write with MD32700 $MA_ENC_COMP_ENABLE[0] = 0, then set it to 1 and reference the axis\n",
+        grid.angles.len()
+    );
+    let mut values = grid.up.clone();
+    if let Some(down) = &grid.down {
+        values.iter_mut().zip(down).for_each(|(u, d)| *u = 0.5 * (*u + d));
+        let reversal =
+            down.iter().zip(&grid.up).map(|(d, u)| d - u).sum::<f64>() / down.len() as f64;
+        let _ = writeln!(
+            out,
+            "; values are the mean of both directions; mean reversal {}: add it to MD32450 $MA_BACKLASH[0]",
+            number(reversal, options.resolution_deg)
+        );
+    }
+    for (i, value) in values.iter().enumerate() {
+        let _ =
+            writeln!(out, "$AA_ENC_COMP[0,{i},{axis}]={}", number(-value, options.resolution_deg));
+    }
+    let (low, high) = grid.ends();
+    let _ = write!(
+        out,
+        "$AA_ENC_COMP_STEP[0,{axis}]={}\n$AA_ENC_COMP_MIN[0,{axis}]={}\n$AA_ENC_COMP_MAX[0,{axis}]={}\n\
+         $AA_ENC_COMP_IS_MODULO[0,{axis}]={}\nM17\n",
+        short(grid.step()),
+        short(low),
+        short(high),
+        u8::from(modulo)
+    );
+    out
+}
+
+fn linuxcnc(grid: &Grid, options: &Options) -> Result<String> {
+    // The motion module's fixed table size (EMCMOT_COMP_SIZE).
+    const MOST: usize = 256;
+    if grid.angles.len() > MOST {
+        return Err(Error::option(
+            "--step-deg",
+            format!("{} points; LinuxCNC takes {MOST}", grid.angles.len()),
+            "give a larger step",
+        ));
+    }
+    let down = grid.down.as_ref().unwrap_or(&grid.up);
+    let r = options.resolution_deg;
+    let mut out = String::new();
+    for ((angle, up), down) in grid.angles.iter().zip(&grid.up).zip(down) {
+        let _ = writeln!(out, "{angle:.6} {} {}", number(*up, r), number(*down, r));
+    }
+    Ok(out)
+}
+
+/// Stored pitch error data: point `reference + k` holds the change over the section that ends at
+/// `k · step` from the reference position, in units of the least step times a magnification, -7 to +7.
+fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
+    let step = grid.step();
+    let (low, high) = grid.ends();
+    let before = (options.reference_deg - low) / step;
+    if step <= 0.0
+        || (before - before.round()).abs() > 1e-6
+        || !(low..=high).contains(&options.reference_deg)
+    {
+        return Err(Error::option(
+            "--reference-deg",
+            format!("{}° is no point of the table", options.reference_deg),
+            "give the reference position's angle, on the table's grid",
+        ));
+    }
+    let before = if modulo { 0 } else { before.round() as u32 };
+    let first = (options.reference_point + 1).checked_sub(before).ok_or_else(|| {
+        Error::option(
+            "--reference-point",
+            "leaves no room for the points below it",
+            "give a larger number",
+        )
+    })?;
+    let sections = grid.angles.len() as u32 - 1;
+    let largest = [Some(&grid.up), grid.down.as_ref()]
+        .into_iter()
+        .flatten()
+        .flat_map(|v| v.windows(2).map(|w| (w[1] - w[0]).abs()))
+        .fold(0.0, f64::max);
+    let units = largest / options.resolution_deg;
+    let magnification = (units / 7.0 - 1e-9).ceil().max(1.0);
+    if magnification > 100.0 {
+        return Err(Error::option(
+            "--resolution-deg",
+            format!("a step of {units:.0} units needs a magnification above 100"),
+            "give the control's detection unit, or a smaller --step-deg",
+        ));
+    }
+    let unit = magnification * options.resolution_deg;
+    let (axis, last) = (options.axis_number, first + sections - 1);
+    let mut out = format!(
+        "%\n(AXIS {} NO.{axis}: PULSES MOVE THE AXIS IN ITS POSITIVE DIRECTION; DETECTION UNIT {} DEG, STEPS OF {unit:.4} DEG)\n\
+         N3620A{axis}P{}\nN3621A{axis}P{}\nN3622A{axis}P{last}\nN3623A{axis}P{magnification}\nN3624A{axis}P{}\n",
+        options.axis,
+        options.resolution_deg,
+        options.reference_point,
+        if modulo { options.reference_point } else { first },
+        short(step),
+    );
+    if modulo {
+        let _ = writeln!(out, "N3625A{axis}P360.");
+    }
+    let columns =
+        std::iter::once((&grid.up, first)).chain(grid.down.as_ref().map(|d| (d, last + 1)));
+    for (values, start) in columns {
+        if start > first {
+            let at = before as usize;
+            let gap = (values[at] - grid.up[at]) / options.resolution_deg;
+            let _ = writeln!(
+                out,
+                "(TRAVEL IN THE NEGATIVE DIRECTION)\nN3605A{axis}B00000001\nN3626A{axis}P{start}\nN3627A{axis}P{:.0}",
+                gap + 0.0
+            );
+        }
+        // Steps of the rounded running value, so that rounding does not add up.
+        let running: Vec<i64> =
+            values.iter().map(|v| ((v - values[before as usize]) / unit).round() as i64).collect();
+        for (i, w) in running.windows(2).enumerate() {
+            let _ = writeln!(out, "N{}P{}", 10_000 + start + i as u32, w[1] - w[0]);
+        }
+    }
+    out.push_str("%\n");
+    Ok(out)
+}

@@ -1,0 +1,312 @@
+//! A sweep of deviations: reading, grouping by angle and direction, and how noisy the readings are.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use super::Options;
+use crate::error::{Error, Result};
+use crate::table::Table;
+
+/// The way the axis came to the angle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+pub enum Direction {
+    /// Towards larger angles.
+    #[serde(rename = "+")]
+    Up,
+    /// Towards smaller angles.
+    #[serde(rename = "-")]
+    Down,
+}
+
+impl Direction {
+    /// The direction a cell means; `None` if the word is not known.
+    pub fn parse(word: &str) -> Option<Self> {
+        match word.to_ascii_lowercase().as_str() {
+            "+" | "1" | "+1" | "1.0" | "up" | "forward" | "fwd" | "pos" | "positive" => {
+                Some(Self::Up)
+            }
+            "-" | "-1" | "-1.0" | "down" | "reverse" | "rev" | "neg" | "negative" => {
+                Some(Self::Down)
+            }
+            _ => None,
+        }
+    }
+}
+
+/// All readings at one angle from one direction.
+#[derive(Debug, Clone)]
+pub struct Group {
+    /// The commanded angle.
+    pub angle_deg: f64,
+    /// The approach, where the sweep tells it.
+    pub dir: Option<Direction>,
+    /// How many readings there are.
+    pub readings: usize,
+    /// Their mean.
+    pub mean_mm: f64,
+    /// The old table's entry as it stands in the file, 0 where there is none.
+    comp_deg: f64,
+}
+
+/// Deviations over angle, direction and run.
+#[derive(Debug, Clone)]
+pub struct Sweep {
+    /// One for each angle and direction, by rising angle.
+    pub groups: Vec<Group>,
+    noise: Noise,
+}
+
+/// How much a reading scatters.
+#[derive(Debug, Clone, Copy)]
+pub struct Noise {
+    /// Standard deviation of one reading against its run.
+    pub reading_mm: f64,
+    /// Degrees of freedom behind it.
+    pub reading_dof: f64,
+    /// Standard deviation of a whole run's shift (the indicator zeroed anew).
+    pub run_mm: f64,
+    /// Number of runs.
+    pub runs: usize,
+    /// What the figures rest on.
+    pub source: NoiseSource,
+}
+
+/// Where the noise figure comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum NoiseSource {
+    /// The user's figure.
+    Given,
+    /// Repeated runs.
+    Repeats,
+    /// How rough the curve is from angle to angle: an upper bound.
+    Roughness,
+    /// Too few readings to tell.
+    Unknown,
+}
+
+struct Reading {
+    group: usize,
+    run: String,
+    deviation_mm: f64,
+}
+
+impl Sweep {
+    /// Reads `angle_deg,deviation_mm` and optionally `dir`, `run`, `comp_deg`.
+    pub fn read(path: impl AsRef<Path>, modulo: bool) -> Result<Self> {
+        let table = Table::read(path, &["angle_deg", "deviation_mm"], &["dir", "run", "comp_deg"])?;
+        Self::from_table(&table, modulo)
+    }
+
+    /// As [`Sweep::read`], from a table.
+    pub fn from_table(table: &Table, modulo: bool) -> Result<Self> {
+        let mut by_place: BTreeMap<(i64, Option<Direction>), usize> = BTreeMap::new();
+        let mut groups: Vec<Group> = Vec::new();
+        let mut readings = Vec::new();
+        for row in 0..table.rows() {
+            let angle = table.number(row, "angle_deg")?;
+            if angle.abs() > 36_000.0 {
+                return Err(table.error(
+                    row,
+                    "angle_deg",
+                    format!("{angle} is no angle in degrees"),
+                    "correct it",
+                ));
+            }
+            let angle_deg = if modulo { angle.rem_euclid(360.0) } else { angle };
+            let dir = match (table.has("dir"), table.text(row, "dir")) {
+                (false, _) | (true, "") => None,
+                (true, word) => Some(Direction::parse(word).ok_or_else(|| {
+                    table.error(row, "dir", format!("'{word}' is no direction"), "write + or -")
+                })?),
+            };
+            let comp_deg = if table.has("comp_deg") { table.number(row, "comp_deg")? } else { 0.0 };
+            // Angles closer than a millionth of a degree are the same place; 360° is 0° on an endless axis.
+            let mut place = (angle_deg * 1e6).round() as i64;
+            if modulo && place == 360_000_000 {
+                place = 0;
+            }
+            let group = *by_place.entry((place, dir)).or_insert_with(|| {
+                let angle_deg = if modulo { place as f64 / 1e6 } else { angle_deg };
+                groups.push(Group { angle_deg, dir, readings: 0, mean_mm: 0.0, comp_deg });
+                groups.len() - 1
+            });
+            if (groups[group].comp_deg - comp_deg).abs() > 1e-9 {
+                return Err(table.error(
+                    row,
+                    "comp_deg",
+                    format!("{comp_deg} differs from {} at the same angle", groups[group].comp_deg),
+                    "one table must have been active during all runs; give its one value",
+                ));
+            }
+            let deviation_mm = table.number(row, "deviation_mm")?;
+            groups[group].readings += 1;
+            groups[group].mean_mm += deviation_mm;
+            readings.push(Reading { group, run: table.text(row, "run").to_owned(), deviation_mm });
+        }
+        if groups.iter().any(|g| g.dir.is_none()) && groups.iter().any(|g| g.dir.is_some()) {
+            return Err(Error::file(
+                table.path(),
+                "some rows have a direction and some do not",
+                "fill the column 'dir' in every row, or remove it",
+            ));
+        }
+        groups.iter_mut().for_each(|g| g.mean_mm /= g.readings as f64);
+        let noise = estimate_noise(&groups, &readings);
+        groups.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg).then(a.dir.cmp(&b.dir)));
+        Ok(Self { groups, noise })
+    }
+
+    /// The noise of a reading: the user's figure if there is one.
+    pub fn noise(&self, given_mm: Option<f64>) -> Noise {
+        match given_mm {
+            Some(reading_mm) => Noise {
+                reading_mm,
+                reading_dof: f64::INFINITY,
+                run_mm: 0.0,
+                runs: self.noise.runs,
+                source: NoiseSource::Given,
+            },
+            None => self.noise,
+        }
+    }
+
+    /// The old table as absolute values in the sense +1, one for each group.
+    pub(super) fn old_table(&self, options: &Options) -> Result<Vec<f64>> {
+        let mut old: Vec<f64> =
+            self.groups.iter().map(|g| options.comp_sense * g.comp_deg).collect();
+        if !options.incremental {
+            return Ok(old);
+        }
+        let reference = options.reference_deg;
+        for dir in [None, Some(Direction::Up), Some(Direction::Down)] {
+            let members: Vec<usize> =
+                (0..old.len()).filter(|&i| self.groups[i].dir == dir).collect();
+            if members.is_empty() {
+                continue;
+            }
+            let mut sum = 0.0;
+            for &i in &members {
+                sum += old[i];
+                old[i] = sum;
+            }
+            let zero = members
+                .iter()
+                .find(|&&i| (self.groups[i].angle_deg - reference).abs() < 1e-6)
+                .map(|&i| old[i])
+                .ok_or_else(|| {
+                    Error::option(
+                        "--reference-deg",
+                        format!("the sweep has no angle {reference}°"),
+                        "give the angle at which the incremental table is zero",
+                    )
+                })?;
+            members.iter().for_each(|&i| old[i] -= zero);
+        }
+        Ok(old)
+    }
+}
+
+impl Noise {
+    /// Standard uncertainty and degrees of freedom of the mean of some readings; `None` if unknown.
+    pub fn of_mean(&self, readings: usize) -> Option<(f64, f64)> {
+        if self.source == NoiseSource::Unknown {
+            return None;
+        }
+        let from_reading = self.reading_mm.powi(2) / readings as f64;
+        let from_run = self.run_mm.powi(2) / self.runs.max(1) as f64;
+        let total = from_reading + from_run;
+        // Welch-Satterthwaite; a part that is zero adds nothing.
+        let part = |v: f64, dof: f64| if v > 0.0 { v * v / dof } else { 0.0 };
+        let spread = part(from_reading, self.reading_dof) + part(from_run, self.runs as f64 - 1.0);
+        Some((total.sqrt(), if spread > 0.0 { total * total / spread } else { f64::INFINITY }))
+    }
+
+    pub(super) fn warning(&self) -> Option<String> {
+        match self.source {
+            NoiseSource::Given | NoiseSource::Repeats => None,
+            NoiseSource::Roughness => Some(
+                "no repeated runs: the noise is taken from how rough the curve is, an upper bound; \
+                 repeat the sweep or give --noise-mm"
+                    .to_owned(),
+            ),
+            NoiseSource::Unknown => Some(
+                "one run of too few angles: no uncertainty can be told; repeat the sweep or give --noise-mm"
+                    .to_owned(),
+            ),
+        }
+    }
+}
+
+/// Scatter of readings: against run and place where there are repeats, else between neighbours.
+fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
+    let names: std::collections::BTreeSet<&str> = readings.iter().map(|r| r.run.as_str()).collect();
+    let runs: Vec<&str> = names.into_iter().collect();
+    let repeats = readings.len() - groups.len();
+    if repeats == 0 {
+        return roughness(groups);
+    }
+    // Shift of each run against the mean of the places it visited.
+    let mut shift = vec![(0.0, 0usize); runs.len()];
+    let index = |r: &Reading| runs.iter().position(|&n| n == r.run).unwrap_or(0);
+    for r in readings.iter().filter(|r| groups[r.group].readings > 1) {
+        let s = &mut shift[index(r)];
+        s.0 += r.deviation_mm - groups[r.group].mean_mm;
+        s.1 += 1;
+    }
+    let shift_of = |i: usize| if shift[i].1 > 0 { shift[i].0 / shift[i].1 as f64 } else { 0.0 };
+    let used = shift.iter().filter(|s| s.1 > 0).count();
+    let free = repeats.saturating_sub(used.saturating_sub(1)).max(1);
+    let split = used > 1 && repeats > used - 1;
+    let sum: f64 = readings
+        .iter()
+        .map(|r| {
+            let own = if split { shift_of(index(r)) } else { 0.0 };
+            (r.deviation_mm - groups[r.group].mean_mm - own).powi(2)
+        })
+        .sum();
+    let dof = if split { free } else { repeats } as f64;
+    let variance = sum / dof;
+    let mut run_variance = 0.0;
+    if split {
+        let places = readings.len() as f64 / used as f64;
+        let between: f64 =
+            (0..runs.len()).map(|i| shift_of(i).powi(2)).sum::<f64>() / (used - 1) as f64;
+        run_variance = (between - variance / places).max(0.0);
+    }
+    Noise {
+        reading_mm: variance.sqrt(),
+        reading_dof: dof,
+        run_mm: run_variance.sqrt(),
+        runs: used.max(1),
+        source: NoiseSource::Repeats,
+    }
+}
+
+/// Noise from second differences along each direction: var(a - 2b + c) = 6 σ².
+fn roughness(groups: &[Group]) -> Noise {
+    let mut sum = 0.0;
+    let mut count = 0.0;
+    for dir in [None, Some(Direction::Up), Some(Direction::Down)] {
+        let mut line: Vec<&Group> = groups.iter().filter(|g| g.dir == dir).collect();
+        line.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg));
+        for w in line.windows(3) {
+            // The middle against the straight line through its neighbours, for uneven steps too.
+            let span = w[2].angle_deg - w[0].angle_deg;
+            let t = (w[1].angle_deg - w[0].angle_deg) / span;
+            let gap = w[1].mean_mm - (1.0 - t) * w[0].mean_mm - t * w[2].mean_mm;
+            sum += gap * gap / (1.0 + (1.0 - t).powi(2) + t * t);
+            count += 1.0;
+        }
+    }
+    let source = if count >= 3.0 { NoiseSource::Roughness } else { NoiseSource::Unknown };
+    let variance = if count > 0.0 { sum / count } else { 0.0 };
+    // Neighbouring differences share readings: about half of them are independent.
+    Noise {
+        reading_mm: variance.sqrt(),
+        reading_dof: (0.5 * count).max(1.0),
+        run_mm: 0.0,
+        runs: 1,
+        source,
+    }
+}

@@ -1,0 +1,210 @@
+//! Corrections from a model, one reading at a time, with flags where the reading is outside what was calibrated.
+
+use std::collections::{BTreeMap, HashMap};
+
+use serde::{Deserialize, Serialize};
+
+use super::Model;
+use super::head::{Head, Predictor};
+
+/// Readings further outside the calibrated range than its width plus this are no temperatures of a working sensor.
+const IMPLAUSIBLE_C: f64 = 20.0;
+/// Part of the calibrated range a reading may lie outside without a flag.
+const MARGIN: f64 = 0.05;
+
+/// What the control sends.
+#[derive(Debug, Clone, Default, Deserialize)]
+pub struct Request {
+    /// Position of each axis to correct.
+    pub position_mm: BTreeMap<String, f64>,
+    /// Screw temperature of each axis; `null` where the sensor gives nothing.
+    #[serde(default)]
+    pub screw_c: BTreeMap<String, Option<f64>>,
+    /// All head sensors in their order; `null` where one gives nothing.
+    #[serde(default)]
+    pub head_c: Vec<Option<f64>>,
+    /// Anything else: refused unless it begins with `x_` or `x-`.
+    #[serde(flatten)]
+    other: BTreeMap<String, serde_json::Value>,
+}
+
+/// What the control gets.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Answer {
+    /// To be added to each axis' position; `null` where it cannot be told.
+    pub correction_mm: BTreeMap<String, Option<f64>>,
+    /// Half-width of the 95 % interval for what is left.
+    pub correction_u95_mm: BTreeMap<String, f64>,
+    /// What was wrong, empty when nothing was.
+    pub flags: Vec<String>,
+}
+
+/// How unusual readings are treated.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Options {
+    /// A sensor whose reading has not changed at all while another has moved by this much is stuck; `None`: never.
+    pub stuck_c: Option<f64>,
+}
+
+/// A model at work: keeps the predictors for the sensors that live and the last readings.
+#[derive(Debug)]
+pub struct Compensator {
+    model: Model,
+    options: Options,
+    /// By bit mask of living sensors.
+    predictors: HashMap<u64, Option<Predictor>>,
+    /// For each sensor: its last reading and the others' readings when it last changed.
+    held: Vec<(f64, Vec<Option<f64>>)>,
+}
+
+impl Compensator {
+    /// Ready to answer.
+    pub fn new(model: Model, options: Options) -> Self {
+        Self { model, options, predictors: HashMap::new(), held: Vec::new() }
+    }
+
+    /// Answers one JSON line; a line that cannot be read gets the flag `bad-line` and no correction.
+    pub fn answer_line(&mut self, line: &str) -> Answer {
+        match serde_json::from_str::<Request>(line) {
+            Ok(request) => self.answer(&request),
+            Err(e) => Answer { flags: vec![format!("bad-line: {e}")], ..Answer::default() },
+        }
+    }
+
+    /// Answers one reading.
+    pub fn answer(&mut self, request: &Request) -> Answer {
+        let mut flags = Vec::new();
+        if let Some(key) =
+            request.other.keys().find(|k| !k.starts_with("x_") && !k.starts_with("x-"))
+        {
+            return Answer {
+                flags: vec![format!("bad-line: unknown key '{key}'")],
+                ..Answer::default()
+            };
+        }
+        let head = self.head(&request.head_c, &mut flags);
+        let mut answer = Answer::default();
+        for (axis, &position_mm) in &request.position_mm {
+            let screw_c = request.screw_c.get(axis).copied().flatten().filter(|t| t.is_finite());
+            let moved = self.screw(axis, position_mm, screw_c, &mut flags);
+            let acts = self.model.head_axes.is_empty() || self.model.head_axes.contains(axis);
+            let head = if acts { head } else { Some((0.0, 0.0)) };
+            let total = head.zip(moved).map(|((h, hu), (s, su))| (h + s, hu.hypot(su)));
+            answer.correction_mm.insert(axis.clone(), total.map(|t| -t.0));
+            if let Some((_, u95)) = total {
+                answer.correction_u95_mm.insert(axis.clone(), u95);
+            }
+        }
+        answer.flags = flags;
+        answer
+    }
+
+    /// The screw's deviation; outside the calibrated temperatures the slope is held at the nearest limit.
+    fn screw(
+        &self,
+        axis: &str,
+        position_mm: f64,
+        screw_c: Option<f64>,
+        flags: &mut Vec<String>,
+    ) -> Option<(f64, f64)> {
+        let Some(screw) = self.model.screws.iter().find(|s| s.axis.eq_ignore_ascii_case(axis))
+        else {
+            flags.push(format!("axis-not-calibrated:{axis}"));
+            return None;
+        };
+        let Some(t) = screw_c else {
+            flags.push(format!("screw-missing:{axis}"));
+            return None;
+        };
+        if !position_mm.is_finite() {
+            flags.push(format!("position-missing:{axis}"));
+            return None;
+        }
+        // T0 is known to its own uncertainty only: a screw as cold as that is no fault.
+        if t < screw.t0_c - screw.t0_u95_c {
+            flags.push(format!("screw-below-t0:{axis}"));
+        }
+        if t > screw.t_max_c + 1e-9 {
+            flags.push(format!("screw-above-tmax:{axis}"));
+        }
+        let margin = MARGIN * (screw.range_mm[1] - screw.range_mm[0]);
+        if position_mm < screw.range_mm[0] - margin || position_mm > screw.range_mm[1] + margin {
+            flags.push(format!("position-out-of-range:{axis}"));
+        }
+        Some(screw.deviation(t.clamp(screw.t0_c, screw.t_max_c), position_mm))
+    }
+
+    /// The head's displacement, from the sensors that live.
+    fn head(&mut self, readings: &[Option<f64>], flags: &mut Vec<String>) -> Option<(f64, f64)> {
+        let Some(head) = &self.model.head else { return Some((0.0, 0.0)) };
+        if readings.len() != head.sensors {
+            flags.push(format!(
+                "head-sensors: {} given, {} calibrated",
+                readings.len(),
+                head.sensors
+            ));
+            return None;
+        }
+        let stuck = match self.options.stuck_c {
+            Some(limit) => stuck(&mut self.held, readings, limit),
+            None => 0,
+        };
+        let mut living = 0u64;
+        for c in &head.coefficients {
+            let i = c.sensor - 1;
+            let range = c.range_c[1] - c.range_c[0];
+            match rise(head, i, readings) {
+                Some(_) if stuck >> i & 1 == 1 => flags.push(format!("head-stuck:{}", c.sensor)),
+                Some(t) => {
+                    let outside = (c.range_c[0] - t).max(t - c.range_c[1]);
+                    if outside > range + IMPLAUSIBLE_C {
+                        flags.push(format!("head-dead:{}", c.sensor));
+                        continue;
+                    }
+                    if outside > MARGIN * range {
+                        flags.push(format!("head-out-of-range:{}", c.sensor));
+                    }
+                    living |= 1 << i;
+                }
+                None => flags.push(format!("head-dead:{}", c.sensor)),
+            }
+        }
+        let predictor = self
+            .predictors
+            .entry(living)
+            .or_insert_with(|| head.predictor(|i| living >> i & 1 == 1));
+        if predictor.is_none() {
+            flags.push("head-unknown".to_owned());
+        }
+        // Column `sensors` is the constant.
+        let value =
+            |i: usize| if i == head.sensors { 1.0 } else { rise(head, i, readings).unwrap_or(0.0) };
+        predictor.as_ref().map(|p| p.predict(value))
+    }
+}
+
+/// A sensor's rise above the cold state.
+fn rise(head: &Head, sensor: usize, readings: &[Option<f64>]) -> Option<f64> {
+    let cold = head.cold_c.get(sensor).copied().unwrap_or(0.0);
+    readings[sensor].filter(|t| t.is_finite()).map(|t| t - cold)
+}
+
+/// Bit mask of sensors that have stood still while another moved by `limit`.
+fn stuck(held: &mut Vec<(f64, Vec<Option<f64>>)>, readings: &[Option<f64>], limit: f64) -> u64 {
+    held.resize(readings.len(), (f64::NAN, Vec::new()));
+    let mut mask = 0;
+    for (i, reading) in readings.iter().enumerate() {
+        let Some(value) = reading else { continue };
+        if held[i].0 != *value {
+            held[i] = (*value, readings.to_vec());
+            continue;
+        }
+        let moved = readings
+            .iter()
+            .zip(&held[i].1)
+            .filter_map(|(now, then)| now.zip(*then))
+            .any(|(now, then)| (now - then).abs() > limit);
+        mask |= u64::from(moved) << i;
+    }
+    mask
+}

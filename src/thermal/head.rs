@@ -1,0 +1,350 @@
+//! The head's model `K0 = Σ a_i t_i`: least squares on sums of products, sensor selection, blocked cross-validation.
+//!
+//! Thermal runs are slow, so neighbouring rows are nearly copies. Cross-validation therefore leaves out whole
+//! blocks of consecutive rows, and where sensors are selected, the selection is repeated inside every fold.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use super::sums::{Sums, select, sum_of, with_constant};
+use crate::error::{Error, Result};
+use crate::fit::serial;
+use crate::table::Table;
+use crate::uncertainty::k95;
+
+/// The most sensors the source's model uses.
+pub const MOST_SENSORS: usize = 10;
+/// Blocks of consecutive rows left out in turn.
+const BLOCKS: usize = 5;
+
+/// When a constant is fitted beside the sensors.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Constant {
+    /// Only if it is significant, with a warning
+    Auto,
+    /// Readings are rises above the cold state: never
+    No,
+    /// Always
+    Yes,
+}
+
+/// How the head is fitted.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// At most this many sensors (1 to 10); more in the file are selected from.
+    pub max_sensors: usize,
+    /// Select even where the file has no more than that.
+    pub select: bool,
+    /// Temperatures of the cold state, subtracted from every reading; empty: readings are rises already.
+    pub cold_c: Vec<f64>,
+    /// Whether a constant is fitted.
+    pub constant: Constant,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self {
+            max_sensors: MOST_SENSORS,
+            select: false,
+            cold_c: Vec::new(),
+            constant: Constant::Auto,
+        }
+    }
+}
+
+/// Readings of all sensors and the displacement they go with.
+#[derive(Debug, Clone)]
+pub struct Data {
+    /// Rows of rises above the cold state, °C.
+    rises_c: Vec<Vec<f64>>,
+    displacement_mm: Vec<f64>,
+}
+
+impl Data {
+    /// Reads `head_1_c..head_n_c,displacement_mm`.
+    pub fn read(path: impl AsRef<std::path::Path>, cold_c: &[f64]) -> Result<Self> {
+        let table = Table::read(path, &["displacement_mm"], &["head_*_c"])?;
+        let sensors = sensor_columns(&table)?;
+        if !cold_c.is_empty() && cold_c.len() != sensors.len() {
+            return Err(Error::option(
+                "--cold-c",
+                format!("{} temperatures for {} sensors", cold_c.len(), sensors.len()),
+                "give one for each head_N_c column, in that order",
+            ));
+        }
+        let displacement_mm = table.column("displacement_mm")?;
+        let mut rises_c = vec![Vec::with_capacity(sensors.len()); table.rows()];
+        for (i, name) in sensors.iter().enumerate() {
+            let cold = cold_c.get(i).copied().unwrap_or(0.0);
+            for (row, value) in rises_c.iter_mut().zip(table.column(name)?) {
+                row.push(value - cold);
+            }
+        }
+        Ok(Self { rises_c, displacement_mm })
+    }
+
+    fn sensors(&self) -> usize {
+        self.rises_c[0].len()
+    }
+}
+
+/// `head_1_c` to `head_n_c` without a gap.
+pub(super) fn sensor_columns(table: &Table) -> Result<Vec<String>> {
+    let count =
+        table.names().iter().filter(|n| n.starts_with("head_") && n.ends_with("_c")).count();
+    let names: Vec<String> = (1..=count).map(|i| format!("head_{i}_c")).collect();
+    match names.iter().find(|n| !table.has(n)) {
+        _ if count == 0 => Err(Error::file(
+            table.path(),
+            "has no head sensor column",
+            "add head_1_c, head_2_c, ...",
+        )),
+        Some(missing) => Err(Error::field(
+            table.path(),
+            Some(1),
+            format!("column '{missing}'"),
+            "is missing: sensors are numbered from 1 without a gap",
+            "rename the columns",
+        )),
+        None => Ok(names),
+    }
+}
+
+/// Coefficients for one set of working sensors.
+#[derive(Debug, Clone)]
+pub struct Predictor {
+    columns: Vec<usize>,
+    coefficients: DVector<f64>,
+    covariance: DMatrix<f64>,
+    noise_mm: f64,
+    k95: f64,
+}
+
+impl Predictor {
+    /// Displacement and the half-width of the 95 % interval for what it leaves, from readings and cold state.
+    pub fn predict(&self, rise_c: impl Fn(usize) -> f64) -> (f64, f64) {
+        let x = DVector::from_iterator(self.columns.len(), self.columns.iter().map(|&i| rise_c(i)));
+        let variance = (&self.covariance * &x).dot(&x) + self.noise_mm.powi(2);
+        (self.coefficients.dot(&x), self.k95 * variance.sqrt())
+    }
+}
+
+/// One sensor's coefficient.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Coefficient {
+    /// Number of the sensor, from 1.
+    pub sensor: usize,
+    /// Displacement for each degree of rise.
+    pub mm_per_c: f64,
+    /// Half-width of its 95 % interval.
+    pub mm_per_c_u95: f64,
+    /// Smallest and largest rise in the calibration.
+    pub range_c: [f64; 2],
+}
+
+/// The fitted head.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Head {
+    /// Sensors on the head, used or not.
+    pub sensors: usize,
+    /// Cold-state temperatures subtracted from readings; empty: readings are rises.
+    pub cold_c: Vec<f64>,
+    /// The sensors used.
+    pub coefficients: Vec<Coefficient>,
+    /// A constant, 0 where none is fitted.
+    pub constant_mm: f64,
+    /// Whether a constant is fitted.
+    pub has_constant: bool,
+    /// Standard deviation of what the model leaves.
+    pub noise_mm: f64,
+    /// Root mean square of the displacement, and of what the model leaves on its own data.
+    pub before_rms_mm: f64,
+    /// See `before_rms_mm`.
+    pub after_rms_mm: f64,
+    /// The same on blocks of rows the fit (and the selection) had not seen.
+    pub held_out_rms_mm: f64,
+    /// Correlation of consecutive residuals; the intervals are widened for it.
+    pub residual_correlation: f64,
+    /// What least squares needs when a sensor dies.
+    pub sums: Sums,
+}
+
+impl Head {
+    /// The model for the sensors that work; `None` if they cannot tell the displacement.
+    pub fn predictor(&self, works: impl Fn(usize) -> bool) -> Option<Predictor> {
+        let mut columns: Vec<usize> =
+            self.coefficients.iter().map(|c| c.sensor - 1).filter(|&i| works(i)).collect();
+        if columns.is_empty() {
+            return None;
+        }
+        if self.has_constant {
+            columns.push(self.sensors);
+        }
+        let solved = self.sums.solve(&columns)?;
+        let dof = (self.sums.effective_rows - columns.len() as f64).max(1.0);
+        // What is left scatters by s; the coefficients' covariance knows the repeated rows through the dof.
+        let rows = self.sums.at(self.sensors, self.sensors);
+        let s2 = solved.left / (rows * dof / self.sums.effective_rows);
+        let widen = rows / self.sums.effective_rows;
+        Some(Predictor {
+            covariance: solved.inverse * (s2 * widen),
+            coefficients: solved.coefficients,
+            noise_mm: s2.sqrt(),
+            k95: k95(dof),
+            columns,
+        })
+    }
+}
+
+/// Fits the head's model; warnings go to `warnings`.
+pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result<Head> {
+    if !(1..=MOST_SENSORS).contains(&options.max_sensors) {
+        return Err(Error::option("--max-sensors", "is out of range", "give 1 to 10"));
+    }
+    let rows = data.displacement_mm.len();
+    let sensors = data.sensors();
+    let live: Vec<usize> = (0..sensors)
+        .filter(|&i| {
+            let first = data.rises_c[0][i];
+            let moves = data.rises_c.iter().any(|r| (r[i] - first).abs() > 1e-9);
+            if !moves {
+                warnings.push(format!("head sensor {} never changes: dead, left out", i + 1));
+            }
+            moves
+        })
+        .collect();
+    if live.is_empty() {
+        return Err(Error::measure(
+            "head",
+            "no sensor changes",
+            "warm the head up while recording",
+        ));
+    }
+    let mut blocks = vec![Sums::empty(sensors); BLOCKS];
+    for (i, (rises, &y)) in data.rises_c.iter().zip(&data.displacement_mm).enumerate() {
+        blocks[i * BLOCKS / rows].add_row(rises, y);
+    }
+    let mut total = sum_of(&blocks, |_| true);
+    let selecting = options.select || live.len() > options.max_sensors;
+    let need = 3 * BLOCKS.max(if selecting { 1 } else { live.len() + 1 });
+    if rows < need {
+        return Err(Error::measure(
+            "head",
+            format!("{rows} rows are too few for {} sensors", live.len()),
+            format!("record at least {need}"),
+        ));
+    }
+    let choose = |blocks: &[Sums], constant: bool| -> Vec<usize> {
+        if selecting { select(blocks, &live, options.max_sensors, constant) } else { live.clone() }
+    };
+    let mut constant = options.constant == Constant::Yes;
+    if options.constant == Constant::Auto {
+        let columns = with_constant(choose(&blocks, true), sensors, true);
+        if let Some(s) = total.solve(&columns) {
+            let last = columns.len() - 1;
+            let (widen, _) = correlation(data, &columns, &s.coefficients);
+            let s2 = s.left / (rows - columns.len()).max(1) as f64;
+            let u = (s2 * widen * s.inverse[(last, last)]).sqrt();
+            // 4.5 standard errors: a chance finding in one of 100 000 calibrations.
+            constant = s.coefficients[last].abs() > (4.5 * u).max(1e-4)
+                && s2 < total_left(&total, &choose(&blocks, false));
+            if constant {
+                warnings.push(format!(
+                    "a constant of {:.4} mm is significant and is fitted: the readings are no rises above the cold \
+                     state; give --cold-c, or --constant no",
+                    s.coefficients[last]
+                ));
+            }
+        }
+    }
+    let chosen = choose(&blocks, constant);
+    let columns = with_constant(chosen.clone(), sensors, constant);
+    let solved = total.solve(&columns).ok_or_else(|| {
+        Error::measure(
+            "head",
+            "the sensors rise and fall together: their coefficients cannot be told apart",
+            "use --select, or record heating and cooling of different parts",
+        )
+    })?;
+    let (widen, rho) = correlation(data, &columns, &solved.coefficients);
+    let mut left = 0.0;
+    for k in 0..BLOCKS {
+        let seen: Vec<Sums> = (0..BLOCKS).filter(|&j| j != k).map(|j| blocks[j].clone()).collect();
+        let columns = with_constant(choose(&seen, constant), sensors, constant);
+        let coefficients = sum_of(&seen, |_| true)
+            .solve(&columns)
+            .map_or_else(|| DVector::zeros(columns.len()), |s| s.coefficients);
+        left += blocks[k].left(&columns, &coefficients);
+    }
+    let y = total.displacement_column();
+    total.effective_rows = rows as f64 / widen;
+    let mut head = Head {
+        sensors,
+        cold_c: options.cold_c.clone(),
+        coefficients: Vec::new(),
+        constant_mm: if constant { solved.coefficients[columns.len() - 1] } else { 0.0 },
+        has_constant: constant,
+        noise_mm: 0.0,
+        before_rms_mm: (total.at(y, y) / rows as f64).sqrt(),
+        after_rms_mm: (solved.left / rows as f64).sqrt(),
+        held_out_rms_mm: (left / rows as f64).sqrt(),
+        residual_correlation: rho,
+        sums: total,
+    };
+    head.coefficients = chosen
+        .iter()
+        .enumerate()
+        .map(|(a, &i)| {
+            let values = data.rises_c.iter().map(|r| r[i]);
+            Coefficient {
+                sensor: i + 1,
+                mm_per_c: solved.coefficients[a],
+                mm_per_c_u95: 0.0,
+                range_c: [
+                    values.clone().fold(f64::INFINITY, f64::min),
+                    values.fold(f64::NEG_INFINITY, f64::max),
+                ],
+            }
+        })
+        .collect();
+    if let Some(p) = head.predictor(|_| true) {
+        head.noise_mm = p.noise_mm;
+        for (a, c) in head.coefficients.iter_mut().enumerate() {
+            c.mm_per_c_u95 = p.k95 * p.covariance[(a, a)].sqrt();
+        }
+    }
+    if head.held_out_rms_mm > 2.0 * head.after_rms_mm {
+        warnings.push(format!(
+            "the head model leaves {:.4} mm on rows it had not seen but {:.4} mm on its own: record more warm-up and \
+             cool-down, or use fewer sensors",
+            head.held_out_rms_mm, head.after_rms_mm
+        ));
+    }
+    Ok(head)
+}
+
+/// Mean square left by a fit without a constant; infinite where there is none.
+fn total_left(total: &Sums, columns: &[usize]) -> f64 {
+    let rows = total.at(total.constant_column(), total.constant_column());
+    total.solve(columns).map_or(f64::INFINITY, |s| s.left / (rows - columns.len() as f64).max(1.0))
+}
+
+/// How much consecutive residuals repeat each other: the factor on variances (1 + ρ)/(1 - ρ), and ρ.
+fn correlation(data: &Data, columns: &[usize], coefficients: &DVector<f64>) -> (f64, f64) {
+    let residuals: Vec<f64> = data
+        .rises_c
+        .iter()
+        .zip(&data.displacement_mm)
+        .map(|(row, y)| {
+            let model: f64 = columns
+                .iter()
+                .zip(coefficients.iter())
+                .map(|(&i, c)| c * row.get(i).copied().unwrap_or(1.0))
+                .sum();
+            y - model
+        })
+        .collect();
+    serial::widening(&residuals)
+}

@@ -1,0 +1,125 @@
+//! The model file: what `fit` found, in JSON, and what `compensate` reads.
+
+use std::path::Path;
+
+use serde::{Deserialize, Serialize};
+
+use super::{head, screw};
+use crate::error::{Error, Result};
+use crate::plot::{Figure, Panel};
+
+/// Head and screws together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Model {
+    /// The cutting head, where it was calibrated.
+    pub head: Option<head::Head>,
+    /// Axes the head's displacement acts on; empty: all, as the source has it.
+    pub head_axes: Vec<String>,
+    /// The screws.
+    pub screws: Vec<screw::Screw>,
+}
+
+/// Fits what there is data for; warnings go to `warnings`.
+pub fn fit(
+    head: Option<(&head::Data, &head::Options)>,
+    screws: Option<(&screw::Data, &screw::Options)>,
+    head_axes: Vec<String>,
+    warnings: &mut Vec<String>,
+) -> Result<Model> {
+    let head = head.map(|(data, options)| head::fit(data, options, warnings)).transpose()?;
+    let screws = screws.map(|(data, options)| screw::fit(data, options, warnings)).transpose()?;
+    Ok(Model { head, head_axes, screws: screws.unwrap_or_default() })
+}
+
+impl Model {
+    /// Reads a model file: the JSON result of `thermal fit`.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read", e))?;
+        let fail = |reason: String| {
+            Error::file(path, reason, "give the file that `thermal fit --out` wrote")
+        };
+        let mut json: serde_json::Map<String, serde_json::Value> =
+            serde_json::from_str(&text).map_err(|e| fail(format!("is no JSON object ({e})")))?;
+        if json.get("schema").and_then(|s| s.as_str()) != Some("pivotsight.thermal-fit/1") {
+            return Err(fail("is no thermal model".into()));
+        }
+        for key in ["schema", "version", "input", "warnings"] {
+            json.remove(key);
+        }
+        json.retain(|k, _| !k.starts_with("x_") && !k.starts_with("x-"));
+        let model: Self = serde_json::from_value(json.into()).map_err(|e| fail(e.to_string()))?;
+        if let Some(head) = &model.head {
+            let numbered = head.coefficients.iter().all(|c| (1..=head.sensors).contains(&c.sensor));
+            if !numbered || !head.sums.valid(head.sensors) {
+                return Err(fail("the head's sensors and sums do not fit together".into()));
+            }
+        }
+        Ok(model)
+    }
+
+    /// Lines for people.
+    pub fn text(&self) -> String {
+        let mut out = String::new();
+        if let Some(h) = &self.head {
+            out.push_str("head: displacement = sum of\n  sensor     mm/°C        ±95 %      calibrated rise °C\n");
+            for c in &h.coefficients {
+                out.push_str(&format!(
+                    "  {:6} {:+9.6} {:12.6}      {:.1} to {:.1}\n",
+                    c.sensor, c.mm_per_c, c.mm_per_c_u95, c.range_c[0], c.range_c[1]
+                ));
+            }
+            if h.has_constant {
+                out.push_str(&format!("  and a constant of {:+.5} mm\n", h.constant_mm));
+            }
+            out.push_str(&format!(
+                "  {} of {} sensors; rms {:.4} mm before, {:.4} mm after, {:.4} mm on rows not seen\n",
+                h.coefficients.len(),
+                h.sensors,
+                h.before_rms_mm,
+                h.after_rms_mm,
+                h.held_out_rms_mm
+            ));
+        }
+        for s in &self.screws {
+            out.push_str(&format!(
+                "axis {}: T0 {:.2} ±{:.2} °C, T_max {:.2} °C, Tk_max {:+.3} ±{:.3} µm/m, P0 {:.1} ±{:.1} mm; \
+                 rms {:.4} mm before, {:.4} mm after\n",
+                s.axis,
+                s.t0_c,
+                s.t0_u95_c,
+                s.t_max_c,
+                s.tk_max_um_per_m,
+                s.tk_max_u95_um_per_m,
+                s.p0_mm,
+                s.p0_u95_mm,
+                s.before_rms_mm,
+                s.after_rms_mm
+            ));
+            for l in &s.slopes {
+                out.push_str(&format!(
+                    "  {:6.2} °C: {:+9.3} ±{:.3} µm/m\n",
+                    l.screw_c, l.slope_um_per_m, l.slope_u95_um_per_m
+                ));
+            }
+        }
+        out
+    }
+
+    /// The slopes against temperature with the law through them.
+    pub fn figure(&self) -> Figure {
+        let mut panel = Panel::new("screw temperature, °C", "slope of the position error, µm/m");
+        for s in &self.screws {
+            let dots: Vec<_> = s
+                .slopes
+                .iter()
+                .map(|l| (l.screw_c, l.slope_um_per_m, l.slope_u95_um_per_m))
+                .collect();
+            panel = panel
+                .points_with_bars(format!("{}, ±95 %", s.axis), &dots)
+                .line(format!("{} law", s.axis), &[(s.t0_c, 0.0), (s.t_max_c, s.tk_max_um_per_m)]);
+        }
+        Figure::new("Screw slopes").panel(panel)
+    }
+}

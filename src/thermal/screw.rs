@@ -1,0 +1,419 @@
+//! The screws: slope of the position error at each temperature, and the law `tan β(T) = Tk_max (T - T0) / (T_max - T0)`.
+
+use nalgebra::{DMatrix, DVector};
+use serde::{Deserialize, Serialize};
+
+use crate::error::{Error, Result};
+use crate::fit::least_squares;
+use crate::table::Table;
+use crate::uncertainty::k95;
+
+/// Rows whose screw temperatures are closer than this belong to one calibration run.
+const SAME_RUN_C: f64 = 0.5;
+
+/// How the screws are fitted.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Reference position of an axis, where its screw does not move the position; otherwise taken from the data.
+    pub p0_mm: Vec<(String, f64)>,
+    /// Temperature at which an axis' slope is zero; otherwise taken from the data.
+    pub t0_c: Vec<(String, f64)>,
+}
+
+/// One calibration row.
+#[derive(Debug, Clone, Copy)]
+struct Point {
+    screw_c: f64,
+    position_mm: f64,
+    error_mm: f64,
+}
+
+/// All rows, by axis in the order of the file.
+#[derive(Debug, Clone)]
+pub struct Data {
+    axes: Vec<(String, Vec<Point>)>,
+}
+
+impl Data {
+    /// Reads `axis,screw_c,position_mm,error_mm`.
+    pub fn read(path: impl AsRef<std::path::Path>) -> Result<Self> {
+        let table = Table::read(path, &["axis", "screw_c", "position_mm", "error_mm"], &[])?;
+        let mut axes: Vec<(String, Vec<Point>)> = Vec::new();
+        for row in 0..table.rows() {
+            let name = table.text(row, "axis").to_ascii_lowercase();
+            if name.is_empty() {
+                return Err(table.error(row, "axis", "is empty", "write the axis' name"));
+            }
+            let point = Point {
+                screw_c: table.number(row, "screw_c")?,
+                position_mm: table.number(row, "position_mm")?,
+                error_mm: table.number(row, "error_mm")?,
+            };
+            match axes.iter_mut().find(|(n, _)| *n == name) {
+                Some((_, points)) => points.push(point),
+                None => axes.push((name, vec![point])),
+            }
+        }
+        Ok(Self { axes })
+    }
+}
+
+/// The slope at one temperature.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Slope {
+    /// Mean screw temperature of the run.
+    pub screw_c: f64,
+    /// Slope of the error line, µm for each metre.
+    pub slope_um_per_m: f64,
+    /// Half-width of its 95 % interval.
+    pub slope_u95_um_per_m: f64,
+    /// The line's value at position 0.
+    pub intercept_mm: f64,
+}
+
+/// One axis' screw.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Screw {
+    /// The axis.
+    pub axis: String,
+    /// Temperature at which the slope is zero.
+    pub t0_c: f64,
+    /// Half-width of its 95 % interval; 0 if it was given.
+    pub t0_u95_c: f64,
+    /// Highest calibrated temperature.
+    pub t_max_c: f64,
+    /// Slope there, µm for each metre (the source's `Tk_max`).
+    pub tk_max_um_per_m: f64,
+    /// Half-width of its 95 % interval.
+    pub tk_max_u95_um_per_m: f64,
+    /// Reference position.
+    pub p0_mm: f64,
+    /// Half-width of its 95 % interval; 0 if it was given.
+    pub p0_u95_mm: f64,
+    /// Smallest and largest calibrated position.
+    pub range_mm: [f64; 2],
+    /// Scatter of the readings around their lines.
+    pub noise_mm: f64,
+    /// Root mean square of the error, and of what the law leaves.
+    pub before_rms_mm: f64,
+    /// See `before_rms_mm`.
+    pub after_rms_mm: f64,
+    /// Covariance of (slope for each degree in 1/°C, t0_c, p0_mm).
+    pub covariance: [[f64; 3]; 3],
+    /// Degrees of freedom behind it.
+    pub dof: f64,
+    /// The slopes measured.
+    pub slopes: Vec<Slope>,
+}
+
+impl Screw {
+    /// Slope for each degree, 1/°C.
+    fn per_degree(&self) -> f64 {
+        self.tk_max_um_per_m * 1e-6 / (self.t_max_c - self.t0_c)
+    }
+
+    /// Deviation `tan β(T) (P - P0)` and the half-width of the 95 % interval for what correcting it leaves.
+    pub fn deviation(&self, screw_c: f64, position_mm: f64) -> (f64, f64) {
+        let (k, t, p) = (self.per_degree(), screw_c - self.t0_c, position_mm - self.p0_mm);
+        let gradient = [t * p, -k * p, -k * t];
+        let mut variance = self.noise_mm.powi(2);
+        for i in 0..3 {
+            for j in 0..3 {
+                variance += gradient[i] * self.covariance[i][j] * gradient[j];
+            }
+        }
+        (k * t * p, k95(self.dof) * variance.max(0.0).sqrt())
+    }
+}
+
+/// Fits every axis; warnings go to `warnings`.
+pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result<Vec<Screw>> {
+    for (option, pairs) in [("--p0-mm", &options.p0_mm), ("--t0-c", &options.t0_c)] {
+        if let Some((name, _)) = pairs.iter().find(|(n, _)| !data.axes.iter().any(|(a, _)| a == n))
+        {
+            return Err(Error::option(
+                option,
+                format!("there is no axis '{name}' in the data"),
+                "correct the name",
+            ));
+        }
+    }
+    data.axes.iter().map(|(axis, points)| fit_axis(axis, points, options, warnings)).collect()
+}
+
+fn fit_axis(
+    axis: &str,
+    points: &[Point],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Screw> {
+    let given = |pairs: &[(String, f64)]| pairs.iter().find(|(n, _)| n == axis).map(|p| p.1);
+    let (given_p0, given_t0) = (given(&options.p0_mm), given(&options.t0_c));
+    let fail = |reason: String, fix: &str| Error::measure(format!("axis {axis}"), reason, fix);
+    let runs = runs(points);
+    if runs.len() < 2 && given_t0.is_none() {
+        return Err(fail(
+            format!("all rows are at one screw temperature ({:.1} °C)", points[0].screw_c),
+            "measure at two or more temperatures, or give --t0-c AXIS=TEMPERATURE of the cold screw",
+        ));
+    }
+    let mut slopes = Vec::new();
+    let (mut left, mut dof) = (0.0, 0.0);
+    for run in &runs {
+        let line = Line::fit(run).ok_or_else(|| {
+            fail(
+                format!("the run at {:.1} °C has fewer than two positions", run[0].screw_c),
+                "measure several positions at each temperature",
+            )
+        })?;
+        left += line.left;
+        dof += run.len() as f64 - 2.0;
+        slopes.push(line);
+    }
+    if dof < 1.0 {
+        return Err(fail(
+            "two positions at each temperature leave nothing to tell the noise".into(),
+            "measure three or more",
+        ));
+    }
+    // A floor well under any interferometer keeps weights finite on noise-free data.
+    let noise = (left / dof).sqrt().max(1e-9);
+
+    // Slopes and intercepts against temperature start the fit of the whole law.
+    let mean = |f: &dyn Fn(&Line) -> f64| slopes.iter().map(f).sum::<f64>() / slopes.len() as f64;
+    let (mt, ms) = (mean(&|l| l.screw_c), mean(&|l| l.slope));
+    let tt: f64 = slopes.iter().map(|l| (l.screw_c - mt).powi(2)).sum();
+    let ts: f64 = slopes.iter().map(|l| (l.screw_c - mt) * (l.slope - ms)).sum();
+    let per_degree = match given_t0 {
+        Some(t0) => {
+            slopes.iter().map(|l| l.slope * (l.screw_c - t0)).sum::<f64>()
+                / slopes.iter().map(|l| (l.screw_c - t0).powi(2)).sum::<f64>()
+        }
+        None => ts / tt,
+    };
+    let slope_u = slopes.iter().map(|l| noise * l.slope_factor).fold(f64::INFINITY, f64::min);
+    let span =
+        slopes.iter().map(|l| (l.screw_c - given_t0.unwrap_or(mt)).abs()).fold(0.0, f64::max);
+    if !per_degree.is_finite() || per_degree.abs() * span < 3.0 * slope_u {
+        return Err(fail(
+            "the slope of the error does not change with the screw's temperature".into(),
+            "measure over a wider range of temperature, or leave this axis out: it needs no correction",
+        ));
+    }
+    let t0 = given_t0.unwrap_or(mt - ms / per_degree);
+    let ss: f64 = slopes.iter().map(|l| l.slope * l.slope).sum();
+    let crossing = -slopes.iter().map(|l| l.slope * l.intercept).sum::<f64>() / ss;
+
+    // The lines must meet in P0; if the interferometer was zeroed anew for each run they do not.
+    let spread: f64 = slopes
+        .iter()
+        .map(|l| ((l.intercept + l.slope * crossing) / (noise * l.value_factor(crossing))).powi(2))
+        .sum();
+    let meet = spread <= (slopes.len() as f64 - 1.0) + 4.0 * (2.0 * slopes.len() as f64).sqrt();
+    let p0_fixed = match (given_p0, meet) {
+        (Some(p0), _) => Some(p0),
+        (None, true) => None,
+        (None, false) => {
+            warnings.push(format!(
+                "axis {axis}: the error lines do not meet at one position (the reading was zeroed anew for each run); \
+                 the reference position is taken as 0: give --p0-mm {axis}=POSITION"
+            ));
+            Some(0.0)
+        }
+    };
+    let free_offsets = given_p0.is_some() || !meet;
+    let law = Law { points, runs: &runs, noise, t0: given_t0, p0: p0_fixed, free_offsets };
+    let solved = law.solve([per_degree, t0, p0_fixed.unwrap_or(crossing)]);
+    let [per_degree, t0, p0_mm] = solved.parameters;
+    let dof = (points.len() as f64 - solved.rank as f64).max(1.0);
+    let scatter = (solved.chi2 / dof).sqrt();
+    // Slopes off the straight law widen the law's own interval (Birge's ratio).
+    let widen = scatter.max(1.0);
+    if scatter > 1.0 + 3.0 / (2.0 * dof).sqrt() {
+        warnings.push(format!(
+            "axis {axis}: the slopes are not proportional to T - T0 (the law leaves {scatter:.1} times the noise); \
+             intervals are widened"
+        ));
+    }
+    let covariance = solved.covariance.map(|row| row.map(|v| v * widen * widen));
+    let t_max_c = slopes.iter().map(|l| l.screw_c).fold(f64::NEG_INFINITY, f64::max);
+    let rise = t_max_c - t0;
+    if rise <= 0.0 {
+        return Err(fail(
+            format!("the slope is zero at {t0:.1} °C, above all calibrated temperatures"),
+            "check the sign of error_mm, or give --t0-c",
+        ));
+    }
+    let k = k95(dof);
+    let tk_variance = rise * rise * covariance[0][0] - 2.0 * rise * per_degree * covariance[0][1]
+        + per_degree.powi(2) * covariance[1][1];
+    let rms = |f: &dyn Fn(&Point) -> f64| {
+        (points.iter().map(|p| f(p).powi(2)).sum::<f64>() / points.len() as f64).sqrt()
+    };
+    let positions = points.iter().map(|p| p.position_mm);
+    Ok(Screw {
+        axis: axis.to_owned(),
+        t0_c: t0,
+        t0_u95_c: k * covariance[1][1].sqrt(),
+        t_max_c,
+        tk_max_um_per_m: 1e6 * per_degree * rise,
+        tk_max_u95_um_per_m: 1e6 * k * tk_variance.max(0.0).sqrt(),
+        p0_mm,
+        p0_u95_mm: k * covariance[2][2].sqrt(),
+        range_mm: [
+            positions.clone().fold(f64::INFINITY, f64::min),
+            positions.fold(f64::NEG_INFINITY, f64::max),
+        ],
+        noise_mm: noise * widen,
+        before_rms_mm: rms(&|p| p.error_mm),
+        after_rms_mm: rms(&|p| {
+            p.error_mm - per_degree * (p.screw_c - t0) * (p.position_mm - p0_mm)
+        }),
+        covariance,
+        dof,
+        slopes: slopes
+            .iter()
+            .map(|l| Slope {
+                screw_c: l.screw_c,
+                slope_um_per_m: 1e6 * l.slope,
+                slope_u95_um_per_m: 1e6
+                    * k95(points.len() as f64 - 2.0 * runs.len() as f64)
+                    * noise
+                    * l.slope_factor,
+                intercept_mm: l.intercept,
+            })
+            .collect(),
+    })
+}
+
+/// Rows of one temperature each, by rising temperature.
+fn runs(points: &[Point]) -> Vec<Vec<Point>> {
+    let mut sorted = points.to_vec();
+    sorted.sort_by(|a, b| a.screw_c.total_cmp(&b.screw_c));
+    let mut runs: Vec<Vec<Point>> = Vec::new();
+    let mut last = f64::NEG_INFINITY;
+    for point in sorted {
+        match runs.last_mut() {
+            Some(run) if point.screw_c - last <= SAME_RUN_C => run.push(point),
+            _ => runs.push(vec![point]),
+        }
+        last = point.screw_c;
+    }
+    runs
+}
+
+/// The straight line of one run.
+struct Line {
+    screw_c: f64,
+    slope: f64,
+    intercept: f64,
+    /// Standard error of the slope for readings of unit noise.
+    slope_factor: f64,
+    mean_mm: f64,
+    count: f64,
+    left: f64,
+}
+
+impl Line {
+    fn fit(run: &[Point]) -> Option<Self> {
+        let count = run.len() as f64;
+        let mean = |f: fn(&Point) -> f64| run.iter().map(f).sum::<f64>() / count;
+        let (mp, me) = (mean(|p| p.position_mm), mean(|p| p.error_mm));
+        let pp: f64 = run.iter().map(|p| (p.position_mm - mp).powi(2)).sum();
+        if pp <= 1e-12 {
+            return None;
+        }
+        let slope = run.iter().map(|p| (p.position_mm - mp) * (p.error_mm - me)).sum::<f64>() / pp;
+        let left =
+            run.iter().map(|p| (p.error_mm - me - slope * (p.position_mm - mp)).powi(2)).sum();
+        Some(Self {
+            screw_c: mean(|p| p.screw_c),
+            slope,
+            intercept: me - slope * mp,
+            slope_factor: pp.sqrt().recip(),
+            mean_mm: mp,
+            count,
+            left,
+        })
+    }
+
+    /// Standard error of the line's value at a position, for readings of unit noise.
+    fn value_factor(&self, position_mm: f64) -> f64 {
+        (1.0 / self.count + ((position_mm - self.mean_mm) * self.slope_factor).powi(2)).sqrt()
+    }
+}
+
+/// `error = k (T - T0) (P - P0)` (+ a free offset for each run) over all points.
+struct Law<'a> {
+    points: &'a [Point],
+    runs: &'a [Vec<Point>],
+    noise: f64,
+    t0: Option<f64>,
+    p0: Option<f64>,
+    free_offsets: bool,
+}
+
+struct LawSolution {
+    parameters: [f64; 3],
+    covariance: [[f64; 3]; 3],
+    chi2: f64,
+    rank: usize,
+}
+
+impl Law<'_> {
+    fn solve(&self, start: [f64; 3]) -> LawSolution {
+        let free: Vec<usize> = [true, self.t0.is_none(), self.p0.is_none()]
+            .iter()
+            .enumerate()
+            .filter(|(_, f)| **f)
+            .map(|(i, _)| i)
+            .collect();
+        let offsets = if self.free_offsets { self.runs.len() } else { 0 };
+        let rows: Vec<(usize, Point)> = self
+            .runs
+            .iter()
+            .enumerate()
+            .flat_map(|(r, run)| run.iter().map(move |p| (r, *p)))
+            .collect();
+        let unpack = |v: &DVector<f64>| {
+            let mut all = start;
+            free.iter().enumerate().for_each(|(a, &i)| all[i] = v[a]);
+            all
+        };
+        let mut first = DVector::zeros(free.len() + offsets);
+        free.iter().enumerate().for_each(|(a, &i)| first[a] = start[i]);
+        let solution = least_squares::solve(first, least_squares::Options::default(), |v| {
+            let [k, t0, p0] = unpack(v);
+            let mut residuals = DVector::zeros(self.points.len());
+            let mut jacobian = DMatrix::zeros(self.points.len(), v.len());
+            for (row, (run, point)) in rows.iter().enumerate() {
+                let (t, p) = (point.screw_c - t0, point.position_mm - p0);
+                let mut model = k * t * p;
+                let gradient = [t * p, -k * p, -k * t];
+                free.iter()
+                    .enumerate()
+                    .for_each(|(a, &i)| jacobian[(row, a)] = gradient[i] / self.noise);
+                if offsets > 0 {
+                    model += v[free.len() + run];
+                    jacobian[(row, free.len() + run)] = 1.0 / self.noise;
+                }
+                residuals[row] = (model - point.error_mm) / self.noise;
+            }
+            (residuals, jacobian)
+        });
+        let mut covariance = [[0.0; 3]; 3];
+        for (a, &i) in free.iter().enumerate() {
+            for (b, &j) in free.iter().enumerate() {
+                covariance[i][j] = solution.covariance[(a, b)];
+            }
+        }
+        LawSolution {
+            parameters: unpack(&solution.parameters),
+            covariance,
+            chi2: solution.chi2(),
+            rank: solution.rank,
+        }
+    }
+}

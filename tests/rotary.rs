@@ -1,0 +1,225 @@
+//! Rotary axis correction: the source's machine, truth from a simulated axis, tables for controls, bad input.
+
+#![allow(clippy::unwrap_used)]
+
+use assert_cmd::Command;
+use pivotsight::rotary::{Options, Report, Sweep, correct, simulate::Truth};
+use pivotsight::table::Table;
+
+fn rotary() -> Command {
+    let mut command = Command::cargo_bin("pivotsight").unwrap();
+    command.arg("rotary");
+    command
+}
+
+fn sweep(csv: &str) -> Sweep {
+    let table = Table::parse(
+        "s.csv",
+        csv.as_bytes(),
+        &["angle_deg", "deviation_mm"],
+        &["dir", "run", "comp_deg"],
+    );
+    Sweep::from_table(&table.unwrap(), false).unwrap()
+}
+
+/// Angle, printed new entry, confidence.
+type Printed = (f64, f64, String);
+
+fn k197(pivot_mm: f64) -> Option<(Report, Vec<Printed>)> {
+    let path = "../shared/data/k197-1.csv";
+    let mut reader =
+        csv::Reader::from_path(path).map_err(|e| eprintln!("skipped: {path}: {e}")).ok()?;
+    let rows: Vec<csv::StringRecord> = reader.records().map(Result::unwrap).collect();
+    let text: String = rows.iter().map(|r| format!("{},{},{}\n", &r[0], &r[1], &r[3])).collect();
+    let truth = rows
+        .iter()
+        .map(|r| (r[0].parse().unwrap(), r[4].parse().unwrap(), r[8].to_owned()))
+        .collect();
+    let options = Options { dead_band_mm: 0.010, ..Options::new(pivot_mm) };
+    Some((
+        correct(&sweep(&format!("angle_deg,deviation_mm,comp_deg\n{text}")), &options).unwrap(),
+        truth,
+    ))
+}
+
+#[test]
+fn the_source_table_comes_out_at_573_mm_and_is_over_corrected_at_700_mm() {
+    let Some((report, truth)) = k197(573.0) else { return };
+    let mut certain = 0;
+    for (row, (angle, comp, confidence)) in report.rows.iter().zip(&truth) {
+        assert_eq!(row.angle_deg, *angle);
+        if confidence == "high" {
+            certain += 1;
+            assert!((row.comp_new_deg - comp).abs() < 1e-4, "{angle}: {} {comp}", row.comp_new_deg);
+        }
+    }
+    assert_eq!(certain, 24);
+    assert!(report.summary.printed_rule.over_correction_percent.abs() < 0.1);
+
+    let Some((report, truth)) = k197(700.0) else { return };
+    let rule = &report.summary.printed_rule;
+    assert!((rule.over_correction_percent - 22.2).abs() < 0.1);
+    // The printed table, on an axis of 700 mm, leaves a fifth of the largest deviation.
+    assert!((rule.worst_left_mm - 0.083 * 0.222).abs() < 1e-3, "{}", rule.worst_left_mm);
+    let (row, printed) = (&report.rows[36], &truth[36]);
+    let ratio = (row.comp_old_deg - printed.1) / (row.comp_old_deg - row.comp_new_deg);
+    assert!((ratio - 1.222).abs() < 0.003, "{ratio}");
+}
+
+/// A pitch error with a backlash of 0.002°.
+fn error_deg(angle: f64, dir: i8) -> f64 {
+    0.008 * (angle / 60.0).sin() + 0.002 * (angle / 9.0).cos() + 0.001 * f64::from(dir)
+}
+
+#[test]
+fn stated_intervals_hold_with_noise_run_shifts_and_an_uncertain_length() {
+    let angles: Vec<f64> = (-9..=9).map(|i| 10.0 * f64::from(i)).collect();
+    let (mut inside, mut all) = (0, 0);
+    for seed in 0..300 {
+        // The true length differs from the stated 600 mm by a draw of its uncertainty.
+        let off = [-1.6, -0.9, -0.4, 0.0, 0.3, 0.8, 1.7][seed as usize % 7];
+        let truth =
+            Truth { error_deg, pivot_mm: 600.0 + 3.0 * off, noise_mm: 0.004, run_shift_mm: 0.002 };
+        let runs = if seed % 2 == 0 { 3 } else { 5 };
+        let csv = truth.sweep(&angles, &[1, -1], runs, seed);
+        let report =
+            correct(&sweep(&csv), &Options { pivot_u_mm: 3.0, ..Options::new(600.0) }).unwrap();
+        for row in &report.rows {
+            let dir = if serde_json::to_value(row.dir).unwrap() == "-" { -1 } else { 1 };
+            all += 1;
+            inside += usize::from(
+                (row.error_deg - error_deg(row.angle_deg, dir)).abs() <= row.error_u95_deg.unwrap(),
+            );
+        }
+    }
+    let coverage = 100.0 * inside as f64 / all as f64;
+    assert!((93.0..98.5).contains(&coverage), "{coverage} %");
+}
+
+#[test]
+fn the_new_table_removes_the_error_from_both_directions() {
+    let angles: Vec<f64> = (-18..=18).map(|i| 5.0 * f64::from(i)).collect();
+    let before = Truth { error_deg, pivot_mm: 650.0, noise_mm: 0.0005, run_shift_mm: 0.0 };
+    let report =
+        correct(&sweep(&before.sweep(&angles, &[1, -1], 2, 3)), &Options::new(650.0)).unwrap();
+    assert!((report.summary.reversal_deg.unwrap() - 0.002).abs() < 1e-4);
+    let corrected = |angle: f64, dir: i8| {
+        let row = report.rows.iter().find(|r| {
+            r.angle_deg == angle && (serde_json::to_value(r.dir).unwrap() == "-") == (dir < 0)
+        });
+        error_deg(angle, dir) + row.unwrap().comp_new_deg
+    };
+    let after =
+        Truth { error_deg: corrected, pivot_mm: 650.0, noise_mm: 0.0005, run_shift_mm: 0.0 };
+    let verified =
+        correct(&sweep(&after.sweep(&angles, &[1, -1], 2, 4)), &Options::new(650.0)).unwrap();
+    assert!(report.summary.before_max_mm > 0.08);
+    assert!(verified.summary.before_max_mm < 0.003);
+    let inside = report.rows.iter().zip(&verified.rows).filter(|(expected, got)| {
+        (got.deviation_mm - expected.predicted_deviation_mm).abs()
+            <= expected.predicted_u95_mm.unwrap()
+    });
+    assert!(inside.count() as f64 > 0.9 * report.rows.len() as f64);
+}
+
+#[test]
+fn controls_get_their_tables_in_their_own_sense() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = dir.path().join("s.csv");
+    let mut text = String::from("angle_deg,deviation_mm,dir\n");
+    for i in 0..9 {
+        let y = 0.02 * f64::from(i % 8) / 7.0;
+        text.push_str(&format!("{0},{y},+\n{0},{1},-\n", 45 * i, y + 0.006));
+    }
+    std::fs::write(&input, text).unwrap();
+    let table = |control: &str, more: &[&str]| {
+        let out = dir.path().join("table");
+        rotary()
+            .arg(&input)
+            .args(["--pivot-mm", "573", "--noise-mm", "0.001", "--modulo", "--control", control])
+            .arg("--table")
+            .arg(&out)
+            .args(more)
+            .assert()
+            .success();
+        std::fs::read_to_string(out).unwrap()
+    };
+    let siemens = table("siemens", &["--axis", "C1"]);
+    assert!(siemens.contains("$AA_ENC_COMP[0,7,C1]=0.0023\n"), "{siemens}");
+    assert!(siemens.contains("$AA_ENC_COMP_IS_MODULO[0,C1]=1\nM17\n"), "{siemens}");
+    assert!(siemens.contains("STEP[0,C1]=45.0\n") && siemens.contains("MAX[0,C1]=360.0\n"));
+    let linuxcnc = table("linuxcnc", &[]);
+    assert!(linuxcnc.contains("315.000000 -0.0020 -0.0026\n"), "{linuxcnc}");
+    assert_eq!(linuxcnc.lines().count(), 9);
+    let fanuc = table("fanuc", &["--reference-point", "60"]);
+    let steps: Vec<i32> = fanuc
+        .lines()
+        .filter(|l| l.starts_with("N100"))
+        .map(|l| l.split('P').nth(1).unwrap().parse().unwrap())
+        .collect();
+    assert!(fanuc.contains("N3622A4P68\n") && fanuc.contains("N10061P"), "{fanuc}");
+    assert_eq!(steps.len(), 16, "eight sections of a turn, both directions");
+    assert_eq!(steps[..8].iter().sum::<i32>(), 0, "a turn adds up to nothing");
+    assert!(steps.iter().all(|s| s.abs() <= 7));
+    // Absolute and incremental tables say the same.
+    let read = |text: String| -> Vec<f64> {
+        text.lines().skip(1).map(|l| l.split(',').nth(1).unwrap().parse().unwrap()).collect()
+    };
+    let (absolute, steps) = (read(table("csv", &[])), read(table("csv", &["--incremental"])));
+    let mut sum = 0.0;
+    for (a, s) in absolute.iter().zip(&steps) {
+        sum += s;
+        assert!((a - sum).abs() < 1e-9);
+    }
+}
+
+#[test]
+fn old_tables_are_read_in_either_sense_and_as_steps() {
+    let base = "angle_deg,deviation_mm,comp_deg\n-10,0.02,";
+    let absolute = sweep(&format!("{base}-0.003\n0,0,0\n10,0.01,0.004\n"));
+    let a = correct(&absolute, &Options::new(600.0)).unwrap();
+    let steps = sweep(&format!("{base}0\n0,0,0.003\n10,0.01,0.004\n"));
+    let s = correct(&steps, &Options { incremental: true, ..Options::new(600.0) }).unwrap();
+    let siemens = sweep(&format!("{base}0.003\n0,0,0\n10,0.01,-0.004\n"));
+    let m = correct(&siemens, &Options { comp_sense: -1.0, ..Options::new(600.0) }).unwrap();
+    for i in 0..3 {
+        assert!((a.rows[i].comp_new_deg - s.rows[i].comp_new_deg).abs() < 1e-12);
+        assert!((a.rows[i].comp_new_deg - m.rows[i].comp_new_deg).abs() < 1e-12);
+    }
+    assert_eq!(a.rows[0].error_u95_deg, None, "three readings tell no noise");
+}
+
+#[test]
+fn bad_input_is_named_and_measures_nothing() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = dir.path().join("s.csv");
+    for (text, args, words) in [
+        ("angle_deg,deviation_mm\n0,0.01\n", &["--pivot-mm", "0"][..], "--pivot-mm"),
+        (
+            "angle_deg,deviation_mm\n0,0.01\n",
+            &["--pivot-mm", "600", "--dead-band-mm=-1"],
+            "--dead-band-mm",
+        ),
+        ("angle_deg,deviation_mm\n0,90\n", &["--pivot-mm", "600"], "units"),
+        (
+            "angle_deg,deviation_mm\n0,inf\n",
+            &["--pivot-mm", "600"],
+            "s.csv:2: column 'deviation_mm'",
+        ),
+        ("angle_deg,deviation_um\n0,1\n", &["--pivot-mm", "600"], "deviation_um"),
+        ("angle_deg,deviation_mm,dir\n0,1,sideways\n", &["--pivot-mm", "600"], "'sideways'"),
+        ("angle_deg,deviation_mm,dir\n0,0.1,+\n5,0.1,\n", &["--pivot-mm", "600"], "some do not"),
+        ("angle_deg,deviation_mm,comp_deg\n0,0,1\n0,0,2\n", &["--pivot-mm", "600"], "comp_deg"),
+        (
+            "angle_deg,deviation_mm\n0,0.01\n",
+            &["--pivot-mm", "600", "--table", "t.csv"],
+            "--step-deg",
+        ),
+    ] {
+        std::fs::write(&input, text).unwrap();
+        let out = rotary().arg(&input).args(args).assert().code(2).get_output().clone();
+        let message = String::from_utf8(out.stderr).unwrap();
+        assert!(message.contains(words), "{words}: {message}");
+        assert!(out.stdout.is_empty());
+    }
+}
