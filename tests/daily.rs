@@ -1,5 +1,7 @@
 //! Records, reports, regression, defaults, log, schemas, completions and man pages, end to end.
 
+#![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -100,7 +100,9 @@ fn option_words(
     value: &toml::Value,
 ) -> Result<Vec<String>> {
     let wrong = |reason: &str, fix: &str| Err(Error::field(path, None, option, reason, fix));
-    let Some(known) = command.get_arguments().find(|a| a.get_long() == Some(option)) else {
+    let program = Cli::command();
+    let of = |c: &clap::Command| c.get_arguments().find(|a| a.get_long() == Some(option)).cloned();
+    let Some(known) = of(command).or_else(|| of(&program)) else {
         return wrong(
             &format!("'{}' has no option --{option}", command.get_name()),
             "correct the key; options are written without the dashes",
