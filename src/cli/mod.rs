@@ -3,6 +3,7 @@
 mod ballbar;
 mod batch;
 mod config;
+mod diagnose;
 mod export;
 mod history;
 mod machine;
@@ -87,19 +88,20 @@ enum Command {
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
     Config(config::Args),
-    Render(render::Args),
-    Rotary(rotary::Args),
-    Thermal(thermal::Args),
+    Diagnose(diagnose::Args),
     Export(export::Args),
     History(history::Args),
     Machine(machine::Args),
     Man(pages::ManArgs),
     Regress(regress::Args),
+    Render(render::Args),
     Report(report::Args),
+    Rotary(rotary::Args),
     Rtcp(rtcp::Args),
     Schema(schema::Args),
     Simulate(simulate::Args),
     Solve(solve::Args),
+    Thermal(thermal::Args),
     Verify(verify::Args),
 }
 
@@ -186,19 +188,20 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
         Command::Config(args) => config::run(args, global),
-        Command::Render(args) => render::run(args, global),
-        Command::Rotary(args) => rotary::run(args, global),
-        Command::Thermal(args) => thermal::run(args, global),
+        Command::Diagnose(args) => diagnose::run(args, global),
         Command::Export(args) => export::run(args, global),
         Command::History(args) => history::run(args, global),
         Command::Machine(args) => machine::run(args, global),
         Command::Man(args) => pages::man(args, global),
         Command::Regress(args) => regress::run(args, global),
+        Command::Render(args) => render::run(args, global),
         Command::Report(args) => report::run(args, global),
+        Command::Rotary(args) => rotary::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
         Command::Schema(args) => schema::run(args),
         Command::Simulate(args) => simulate::run(args, global),
         Command::Solve(args) => solve::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
         Command::Verify(args) => verify::run(args, global),
     }
 }

@@ -9,6 +9,7 @@ mod rays;
 mod votes;
 
 pub use look::Look;
+pub(crate) use look::blur;
 
 use nalgebra::Vector2;
 

@@ -3,6 +3,7 @@
 pub mod burn;
 pub mod circles;
 pub mod ring;
+pub mod rod;
 
 use serde::Serialize;
 

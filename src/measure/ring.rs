@@ -188,7 +188,7 @@ pub fn measure(
 }
 
 /// Weights for the robust circle: inverse variances, but none so sure that it outweighs the form of the edge.
-fn robust_weights(points: &Points) -> Vec<f64> {
+pub(super) fn robust_weights(points: &Points) -> Vec<f64> {
     let mut known: Vec<f64> = points
         .variance_mm2
         .iter()
@@ -226,7 +226,7 @@ fn finish(
             if keep { own } else { 0.0 }
         })
         .collect();
-    let rows = group_rows(points, &weights, about);
+    let rows = group_rows(points, &weights, about, GROUPS);
     let fit = correlated::fit(&rows, known)?;
     let step = Vector2::new(fit.beta[0], fit.beta[1]);
     let center = about.center + step;
@@ -262,11 +262,16 @@ fn finish(
     })
 }
 
-/// Radial residuals of neighbouring edge points joined into at most [`GROUPS`] rows for the correlated fit, with
+/// Radial residuals of neighbouring edge points joined into at most `groups` rows for the correlated fit, with
 /// coefficients for centre x, y and radius.
-pub fn group_rows(points: &Points, weights: &[f64], about: Circle) -> correlated::Rows {
+pub(super) fn group_rows(
+    points: &Points,
+    weights: &[f64],
+    about: Circle,
+    groups: usize,
+) -> correlated::Rows {
     let n = points.place_mm.len();
-    let size = n.div_ceil(GROUPS).max(1);
+    let size = n.div_ceil(groups).max(1);
     let mut design = Vec::new();
     let mut y = Vec::new();
     let mut variance = Vec::new();

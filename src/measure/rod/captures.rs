@@ -1,0 +1,87 @@
+//! The captures' table: one picture a row, with the machine's position.
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+
+use crate::error::{Error, Result};
+use crate::table::Table;
+
+/// One capture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Capture {
+    /// The picture as written in the table.
+    pub image: String,
+    /// Where the picture is: beside the table unless absolute.
+    pub path: PathBuf,
+    /// Machine X and Y at the capture.
+    pub position_mm: Vector2<f64>,
+    /// Table angle; 0 where the table does not say.
+    pub c_deg: f64,
+    /// Time, where known.
+    pub t_s: Option<f64>,
+    /// Temperature, where known.
+    pub temp_c: Option<f64>,
+    /// Sense of the last move of X and Y, where known.
+    pub direction: Option<[f64; 2]>,
+}
+
+/// Reads `CAPTURES.csv`: `image,x_mm,y_mm`, optionally `z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y`.
+pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
+    let path = path.as_ref();
+    let table = Table::read(
+        path,
+        &["image", "x_mm", "y_mm"],
+        &["z_mm", "b_deg", "c_deg", "t_s", "temp_c", "dir_x", "dir_y"],
+    )?;
+    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
+    let optional = |row: usize, name: &str| -> Result<Option<f64>> {
+        if table.has(name) { table.number(row, name).map(Some) } else { Ok(None) }
+    };
+    for name in ["z_mm", "b_deg"] {
+        let column = table.optional_column(name)?.unwrap_or_default();
+        let limit = if name == "z_mm" { 0.5 } else { 0.01 };
+        if let Some(row) = column.iter().position(|v| (v - column[0]).abs() > limit) {
+            return Err(table.error(
+                row,
+                name,
+                format!("is {} where the first capture has {}", column[row], column[0]),
+                "take all captures of the rim at one height with B at zero",
+            ));
+        }
+    }
+    (0..table.rows())
+        .map(|row| {
+            let image = table.text(row, "image").to_owned();
+            if image.is_empty() {
+                return Err(table.error(row, "image", "is empty", "name the capture's picture"));
+            }
+            let direction = match (optional(row, "dir_x")?, optional(row, "dir_y")?) {
+                (Some(x), Some(y)) => Some([x, y]),
+                (Some(x), None) => Some([x, 0.0]),
+                (None, Some(y)) => Some([0.0, y]),
+                (None, None) => None,
+            };
+            Ok(Capture {
+                path: folder.join(&image),
+                image,
+                position_mm: Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?),
+                c_deg: optional(row, "c_deg")?.unwrap_or(0.0),
+                t_s: optional(row, "t_s")?,
+                temp_c: optional(row, "temp_c")?,
+                direction,
+            })
+        })
+        .collect::<Result<Vec<_>>>()
+        .and_then(|captures| {
+            let first = captures[0].position_mm;
+            if captures.len() > 1 && captures.iter().all(|c| c.position_mm == first) {
+                return Err(Error::file(
+                    path,
+                    "all captures have the same x_mm and y_mm",
+                    "write the machine's X and Y at each capture",
+                ));
+            }
+            Ok(captures)
+        })
+}

@@ -1,0 +1,502 @@
+//! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
+
+mod captures;
+mod joint;
+mod outer;
+mod points;
+mod seek;
+
+pub use captures::{Capture, read as read_captures};
+pub use points::points_csv;
+
+use nalgebra::{DMatrix, Vector2};
+use serde::Serialize;
+
+use crate::camera::{Calibration, View};
+use crate::error::{Error, Result};
+use crate::fit::Circle;
+use crate::frame::{Channel, Frame, Picture};
+use crate::measure::ring::{self, Search};
+use crate::uncertainty::{K95, k95};
+use joint::{Arc, Axis, Joint};
+use seek::Rim;
+
+/// What is known beforehand.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// The rod's nominal diameter: a prior, not a truth.
+    pub diameter_mm: Option<f64>,
+    /// Standard uncertainty of that diameter. 0.02 mm covers the tolerance of a ground rod of unknown class.
+    pub diameter_u_mm: f64,
+    /// Sense in which C turns the table: +1 or -1 (`c_sense` of the machine file).
+    pub c_sense: f64,
+    /// Which part of colour pictures is measured.
+    pub channel: Channel,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { diameter_mm: None, diameter_u_mm: 0.02, c_sense: 1.0, channel: Channel::Auto }
+    }
+}
+
+/// The rod's centre at one table angle.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RodCenter {
+    /// Table angle.
+    pub c_deg: f64,
+    /// Centre in machine coordinates.
+    pub center_mm: [f64; 2],
+    /// Half-widths of its 95 % intervals.
+    pub center_u95_mm: [f64; 2],
+}
+
+/// How one capture fits the common circle.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CaptureReport {
+    /// The picture.
+    pub image: String,
+    /// Machine X.
+    pub x_mm: f64,
+    /// Machine Y.
+    pub y_mm: f64,
+    /// Table angle.
+    pub c_deg: f64,
+    /// Edge points used.
+    pub edge_points: usize,
+    /// Share of the visible arc with a usable edge, 0..1.
+    pub arc_used: f64,
+    /// Mean radial residual.
+    pub residual_mean_mm: f64,
+    /// Root mean square of the radial residuals.
+    pub residual_rms_mm: f64,
+}
+
+/// The rod's result.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// One centre a table angle.
+    pub rod_centers: Vec<RodCenter>,
+    /// The C axis in machine coordinates.
+    pub axis_center_mm: [f64; 2],
+    /// Half-widths of its 95 % intervals.
+    pub axis_center_u95_mm: [f64; 2],
+    /// Distance of the rod's centre from the C axis; null with a single table angle.
+    pub eccentricity_mm: Option<f64>,
+    /// Half-width of its 95 % interval.
+    pub eccentricity_u95_mm: Option<f64>,
+    /// Whether several table angles part the axis from the rod's eccentricity.
+    pub axis_separated: bool,
+    /// The rod's diameter.
+    pub diameter_mm: f64,
+    /// Half-width of its 95 % interval.
+    pub diameter_u95_mm: f64,
+    /// Root mean square of the form deviation.
+    pub form_rms_mm: f64,
+    /// Every capture.
+    pub captures: Vec<CaptureReport>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// One edge point, for `diagnose rod` and for overlays.
+#[derive(Debug, Clone, Copy)]
+pub struct EdgePoint {
+    /// Index of the capture.
+    pub capture: usize,
+    /// Place in the picture.
+    pub pixel: Vector2<f64>,
+    /// Radial residual from the common circle.
+    pub residual_mm: f64,
+    /// Whether the fit rests on it.
+    pub used: bool,
+}
+
+/// The report with what an overlay shows.
+#[derive(Debug, Clone)]
+pub struct Measured {
+    /// The report.
+    pub report: Report,
+    /// All edge points.
+    pub points: Vec<EdgePoint>,
+    /// The rod's circle in each capture's plane.
+    pub circles: Vec<Circle>,
+}
+
+/// Measures the rod from its captures.
+pub fn measure(
+    captures: &[Capture],
+    calibration: &Calibration,
+    options: &Options,
+) -> Result<Measured> {
+    check(options)?;
+    use rayon::prelude::*;
+    let frames: Vec<(Frame, View)> = captures
+        .par_iter()
+        .map(|c| {
+            let picture = Picture::read(&c.path)?;
+            let (w, h) = picture.size();
+            let view = calibration.view(w, h)?;
+            Ok((picture.into_frame(options.channel), view))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    measure_frames(captures, &frames, options)
+}
+
+fn check(options: &Options) -> Result<()> {
+    if let Some(d) = options.diameter_mm
+        && !(d.is_finite() && d > 0.0)
+    {
+        return Err(Error::option(
+            "--diameter-mm",
+            format!("{d} is not a diameter"),
+            "give the rod's diameter in mm",
+        ));
+    }
+    if options.c_sense.abs() != 1.0 {
+        return Err(Error::option(
+            "--c-sense",
+            format!("{} is no sense", options.c_sense),
+            "give 1 or -1",
+        ));
+    }
+    Ok(())
+}
+
+/// As [`measure`], from frames already in memory.
+pub fn measure_frames(
+    captures: &[Capture],
+    frames: &[(Frame, View)],
+    options: &Options,
+) -> Result<Measured> {
+    use rayon::prelude::*;
+    let subject = "captures";
+    let voters: Vec<_> = frames
+        .par_iter()
+        .enumerate()
+        .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
+        .collect::<Vec<_>>()
+        .concat();
+    let field = frames
+        .iter()
+        .map(|(f, v)| v.pixel_mm() * f.width().max(f.height()) as f64)
+        .fold(0.0, f64::max);
+    let bounds = match options.diameter_mm {
+        Some(d) => (0.4 * d, 0.6 * d),
+        None => (0.12 * field, 0.12 * field + 4.0 * field),
+    };
+    let rim = seek::rim(&voters, captures.len(), bounds, options.diameter_mm).ok_or_else(|| {
+        Error::measure(
+            subject,
+            "no rim of a rod is seen on which the captures agree",
+            "check the pictures, the machine positions (x_mm, y_mm) and the calibration's signs",
+        )
+    })?;
+    let (c_deg, angle_of) = table_angles(captures);
+    let (mut arcs, mut fitted) = follow(captures, frames, &c_deg, &angle_of, rim)?;
+    let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
+    if !nominal && let Some(radius) = outer::edge(&arcs, frames, &fitted) {
+        // What was found is the inner edge of a chamfer: the rod is the edge outside it.
+        let rim = Rim {
+            circle: Circle { center: fitted.centers[0], radius },
+            inner_mm: Some(fitted.radius),
+            outer_mm: None,
+        };
+        if let Ok(better) = follow(captures, frames, &c_deg, &angle_of, rim) {
+            (arcs, fitted) = better;
+        }
+    }
+    finish(captures, frames, options, &c_deg, &arcs, &fitted)
+}
+
+/// Follows a rim through all captures: edge points and the joint circle in turn.
+fn follow(
+    captures: &[Capture],
+    frames: &[(Frame, View)],
+    c_deg: &[f64],
+    angle_of: &[usize],
+    rim: Rim,
+) -> Result<(Vec<Arc>, Joint)> {
+    use rayon::prelude::*;
+    let mut guess = Joint {
+        centers: vec![rim.circle.center; c_deg.len()],
+        radius: rim.circle.radius,
+        weights: Vec::new(),
+    };
+    let mut softness = vec![2.0; captures.len()];
+    let mut arcs: Vec<Arc> = Vec::new();
+    for reach_px in [12.0, 4.0, 1.0] {
+        arcs = frames
+            .par_iter()
+            .enumerate()
+            .filter_map(|(i, (frame, view))| {
+                let position_mm = captures[i].position_mm;
+                let rough = Circle {
+                    center: guess.centers[angle_of[i]] - position_mm,
+                    radius: guess.radius,
+                };
+                let per_mm = 1.0 / view.pixel_mm();
+                let limit = |edge: Option<f64>| {
+                    edge.map_or(60.0, |e| {
+                        (0.6 * (e - rim.circle.radius).abs() * per_mm).clamp(4.0, 60.0)
+                    })
+                };
+                let search = Search {
+                    reach_px,
+                    inside_limit_px: limit(rim.inner_mm),
+                    outside_limit_px: limit(rim.outer_mm),
+                    softness_px: softness[i],
+                };
+                let points = ring::edge_points(frame, view, rough, search)?;
+                Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
+            })
+            .collect();
+        for arc in &arcs {
+            softness[arc.capture] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
+        }
+        if let Some(c) = (0..c_deg.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
+            return Err(Error::measure(
+                format!("the captures at C = {}°", c_deg[c]),
+                "the rod's rim is not seen where the other captures say that it is",
+                "check x_mm, y_mm and the pictures, or leave them out",
+            ));
+        }
+        guess = joint::robust(&arcs, &guess, 20).ok_or_else(|| {
+            Error::measure(
+                "captures",
+                "too few edge points for a circle",
+                "take captures all round the rim",
+            )
+        })?;
+    }
+    Ok((arcs, guess))
+}
+
+/// The different table angles, and which one each capture has.
+fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
+    let mut angles: Vec<f64> = Vec::new();
+    let index = captures
+        .iter()
+        .map(|c| {
+            let same = |a: &f64| {
+                let turn = (a - c.c_deg).rem_euclid(360.0);
+                turn.min(360.0 - turn) < 1e-6
+            };
+            angles.iter().position(same).unwrap_or_else(|| {
+                angles.push(c.c_deg);
+                angles.len() - 1
+            })
+        })
+        .collect();
+    (angles, index)
+}
+
+fn finish(
+    captures: &[Capture],
+    frames: &[(Frame, View)],
+    options: &Options,
+    c_deg: &[f64],
+    arcs: &[Arc],
+    robust: &Joint,
+) -> Result<Measured> {
+    let angles = c_deg.len();
+    let (fit, groups) = joint::refine(arcs, angles, robust).ok_or_else(|| {
+        Error::measure(
+            "captures",
+            "the arcs do not determine a circle",
+            "take captures all round the rim",
+        )
+    })?;
+    let mut warnings = Vec::new();
+    let mut beta = fit.beta.clone();
+    let mut covariance = fit.covariance.clone();
+    let last = 2 * angles;
+    let blur_mm = blurred_radius(arcs, frames);
+    if let Some(d) = options.diameter_mm {
+        // The nominal radius as one more observation.
+        let gap = 0.5 * d - (robust.radius + beta[last] + blur_mm);
+        let variance = (0.5 * options.diameter_u_mm).powi(2);
+        let total = covariance[(last, last)] + variance;
+        if gap.abs() > 3.0 * total.sqrt() {
+            warnings.push(format!(
+                "the rod measures {:.4} mm, not the nominal {d} mm: the nominal value was not used",
+                2.0 * (robust.radius + beta[last] + blur_mm)
+            ));
+        } else {
+            let gain = covariance.column(last) / total;
+            beta += &gain * gap;
+            covariance -= &gain * gain.transpose() * total;
+        }
+    }
+    let factor = k95(fit.dof);
+    let centers: Vec<Vector2<f64>> = (0..angles)
+        .map(|a| robust.centers[a] + Vector2::new(beta[2 * a], beta[2 * a + 1]))
+        .collect();
+    let center_covariance: DMatrix<f64> = covariance.view((0, 0), (last, last)).into_owned();
+    let u = |i: usize| factor * covariance[(i, i)].max(0.0).sqrt();
+    let rod_centers = (0..angles)
+        .map(|a| RodCenter {
+            c_deg: c_deg[a],
+            center_mm: centers[a].into(),
+            center_u95_mm: [u(2 * a), u(2 * a + 1)],
+        })
+        .collect();
+    let axis = if angles > 1 {
+        find_axis(&centers, &center_covariance, c_deg, options, &mut warnings)
+    } else {
+        None
+    };
+    let (axis_center, axis_u95) = match &axis {
+        Some((axis, k)) => {
+            (axis.center, [k * axis.covariance[(0, 0)].sqrt(), k * axis.covariance[(1, 1)].sqrt()])
+        }
+        None => {
+            warnings.push(
+                "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it"
+                    .to_owned(),
+            );
+            (centers[0], [u(0), u(1)])
+        }
+    };
+    let radius = robust.radius + beta[last] + blur_mm;
+    let (points, captures_report) =
+        residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
+    arc_warnings(arcs, robust, options, &mut warnings);
+    let form = fit.residuals.norm_squared() / groups.len() as f64;
+    let circles =
+        arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
+    Ok(Measured {
+        report: Report {
+            rod_centers,
+            axis_center_mm: axis_center.into(),
+            axis_center_u95_mm: axis_u95,
+            eccentricity_mm: axis.as_ref().map(|(a, _)| a.eccentricity.norm()),
+            eccentricity_u95_mm: axis.as_ref().map(|(a, k)| {
+                crate::uncertainty::distance(
+                    a.eccentricity,
+                    a.eccentricity_covariance,
+                    f64::INFINITY,
+                )
+                .1 * k
+                    / K95
+            }),
+            axis_separated: axis.is_some(),
+            diameter_mm: 2.0 * radius,
+            diameter_u95_mm: 2.0 * u(last),
+            form_rms_mm: form.sqrt(),
+            captures: captures_report,
+            warnings,
+        },
+        points,
+        circles,
+    })
+}
+
+/// The axis and the coverage factor of its covariance.
+fn find_axis(
+    centers: &[Vector2<f64>],
+    covariance: &DMatrix<f64>,
+    c_deg: &[f64],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Option<(Axis, f64)> {
+    let axis = joint::axis(centers, covariance, c_deg, options.c_sense)?;
+    if axis.dof > 0 {
+        if let Some(other) = joint::axis(centers, covariance, c_deg, -options.c_sense)
+            && axis.chi2 > other.chi2 + 20.0
+            && axis.chi2 > 5.0 * other.chi2
+        {
+            warnings.push(
+                "the rod's centres turn against C: c_sense seems to be the other one".to_owned(),
+            );
+        }
+        // Centres that scatter more than their uncertainties: the axis is no better known than they agree.
+        let excess = (axis.chi2 / axis.dof as f64).sqrt();
+        if excess > 1.5 {
+            return Some((axis, K95 * excess));
+        }
+    }
+    Some((axis, K95))
+}
+
+/// Mean of σ²/2R over the captures: a blurred rim's half level lies that much inside.
+fn blurred_radius(arcs: &[Arc], frames: &[(Frame, View)]) -> f64 {
+    let sum: f64 = arcs
+        .iter()
+        .map(|a| {
+            let s = a.points.located.step.softness_px;
+            s * s / (2.0 * a.points.radius_px) * frames[a.capture].1.pixel_mm()
+        })
+        .sum();
+    sum / arcs.len().max(1) as f64
+}
+
+fn residuals(
+    captures: &[Capture],
+    arcs: &[Arc],
+    robust: &Joint,
+    centers: &[Vector2<f64>],
+    radius: f64,
+) -> (Vec<EdgePoint>, Vec<CaptureReport>) {
+    let mut points = Vec::new();
+    let mut reports = Vec::new();
+    for capture in captures {
+        reports.push(CaptureReport {
+            image: capture.image.clone(),
+            x_mm: capture.position_mm.x,
+            y_mm: capture.position_mm.y,
+            c_deg: capture.c_deg,
+            edge_points: 0,
+            arc_used: 0.0,
+            residual_mean_mm: 0.0,
+            residual_rms_mm: 0.0,
+        });
+    }
+    for (k, arc) in arcs.iter().enumerate() {
+        let (mut n, mut sum, mut squares) = (0usize, 0.0, 0.0);
+        for i in 0..arc.points.place_mm.len() {
+            let residual_mm = (arc.machine(i) - centers[arc.angle]).norm() - radius;
+            let used = robust.weights[k][i] > 0.0;
+            if used {
+                n += 1;
+                sum += residual_mm;
+                squares += residual_mm * residual_mm;
+            }
+            points.push(EdgePoint {
+                capture: arc.capture,
+                pixel: arc.points.place_px[i],
+                residual_mm,
+                used,
+            });
+        }
+        let count = n.max(1) as f64;
+        let report: &mut CaptureReport = &mut reports[arc.capture];
+        report.edge_points = n;
+        report.arc_used = n as f64 / arc.points.place_mm.len().max(1) as f64;
+        report.residual_mean_mm = sum / count;
+        report.residual_rms_mm = (squares / count).sqrt();
+    }
+    (points, reports)
+}
+
+/// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.
+fn arc_warnings(arcs: &[Arc], robust: &Joint, options: &Options, warnings: &mut Vec<String>) {
+    let mut seen = [false; 72];
+    for (k, arc) in arcs.iter().enumerate() {
+        for i in 0..arc.points.place_mm.len() {
+            if robust.weights[k][i] > 0.0 {
+                let q = arc.machine(i) - robust.centers[arc.angle];
+                let turn = (q.y.atan2(q.x) / std::f64::consts::TAU + 1.0).fract();
+                seen[((turn * 72.0) as usize).min(71)] = true;
+            }
+        }
+    }
+    let twice: Vec<bool> = seen.iter().chain(&seen).copied().collect();
+    let gap = twice.split(|s| *s).map(<[bool]>::len).max().unwrap_or(0).min(72) as f64 * 5.0;
+    if gap > 240.0 && options.diameter_mm.is_none() {
+        warnings.push(format!(
+            "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",
+            360.0 - gap
+        ));
+    }
+}

@@ -1,0 +1,223 @@
+//! Where the rod is, roughly: edges of all captures, in machine coordinates, vote for one centre together.
+
+use nalgebra::Vector2;
+
+use crate::camera::View;
+use crate::find::{Look, look};
+use crate::fit::Circle;
+use crate::fit::circle;
+use crate::frame::Frame;
+
+/// Share of a capture's gradients that vote.
+const STRONGEST: f64 = 0.05;
+/// Most voters of a capture.
+const VOTERS: usize = 4000;
+/// Cells along the longer side of the voting grid.
+const CELLS: f64 = 420.0;
+
+/// A gradient seen in a capture.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Voter {
+    /// Place in the plane of the capture, plus the machine's position.
+    place_mm: Vector2<f64>,
+    /// Unit direction of the gradient in the plane.
+    along: Vector2<f64>,
+    capture: usize,
+}
+
+/// A circular edge of the rod.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rim {
+    /// In machine coordinates.
+    pub circle: Circle,
+    /// Radius of the next edge inside, where there is one.
+    pub inner_mm: Option<f64>,
+    /// Radius of the next edge outside, where there is one.
+    pub outer_mm: Option<f64>,
+}
+
+/// The voters of one capture.
+pub(super) fn voters(
+    frame: &Frame,
+    view: &View,
+    position_mm: Vector2<f64>,
+    capture: usize,
+) -> Vec<Voter> {
+    let look = look(frame);
+    let mut list = Vec::new();
+    for scale in [0, 1] {
+        list.extend(voters_at(&look, scale, view, position_mm, capture));
+    }
+    list
+}
+
+fn voters_at(
+    look: &Look,
+    scale: usize,
+    view: &View,
+    position: Vector2<f64>,
+    capture: usize,
+) -> Vec<Voter> {
+    let (blur, image) = &look.scales[scale];
+    let mut seen: Vec<(f32, usize, usize, f32, f32)> = Vec::new();
+    for y in 1..image.height.saturating_sub(1) {
+        let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+        for x in 1..image.width - 1 {
+            let (dx, dy) = (row[x + 1] - row[x - 1], below[x] - above[x]);
+            let size = dx.hypot(dy);
+            // Only the crest of an edge votes: its flanks say the same again, less well.
+            seen.push((size, x, y, dx, dy));
+        }
+    }
+    if seen.is_empty() {
+        return Vec::new();
+    }
+    let keep = ((seen.len() as f64 * STRONGEST) as usize).max(50).min(seen.len() - 1);
+    seen.select_nth_unstable_by(keep, |a, b| b.0.total_cmp(&a.0));
+    seen.truncate(keep);
+    let least = 1.5 * look.noise as f32 / (blur * blur) as f32;
+    seen.retain(|s| s.0 > least);
+    seen.sort_by(|a, b| (a.2, a.1).cmp(&(b.2, b.1)));
+    let step = seen.len().div_ceil(VOTERS).max(1);
+    seen.iter()
+        .step_by(step)
+        .map(|&(_, x, y, dx, dy)| {
+            let pixel = look.full(Vector2::new(x as f64, y as f64));
+            let place = view.to_plane(pixel);
+            // A gradient is a covector: it maps with the inverse transpose.
+            let g = view.px_per_mm(place).transpose() * Vector2::new(f64::from(dx), f64::from(dy));
+            Voter { place_mm: place + position, along: g.normalize(), capture }
+        })
+        .filter(|v| v.along.iter().all(|a| a.is_finite()))
+        .collect()
+}
+
+/// The rim on which most edges of all captures agree. `radius_mm` bounds it.
+pub(super) fn rim(
+    voters: &[Voter],
+    captures: usize,
+    radius_mm: (f64, f64),
+    nominal_mm: Option<f64>,
+) -> Option<Rim> {
+    let center = center(voters, captures, radius_mm)?;
+    let cell = 0.002 * radius_mm.1.min(40.0);
+    let mut best = Circle { center, radius: 0.0 };
+    let mut edges = Vec::new();
+    // The centre is good to a cell or two of the grid; radii sharpen as it is improved.
+    for (width, tolerance) in [(6.0 * cell, 0.08), (3.0 * cell, 0.05), (2.0 * cell, 0.04)] {
+        edges = radii(voters, captures, best.center, radius_mm, width, tolerance);
+        let strongest = edges.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let radius = strongest.0;
+        let near: Vec<Vector2<f64>> = voters
+            .iter()
+            .filter(|v| {
+                let q = v.place_mm - best.center;
+                (q.norm() - radius).abs() < 2.0 * width
+                    && (v.along.perp(&q) / q.norm()).abs() < tolerance
+            })
+            .map(|v| v.place_mm)
+            .collect();
+        if near.len() < 20 {
+            break;
+        }
+        let start = Circle { center: best.center, radius };
+        best = circle::robust(&near, &vec![1.0; near.len()], Some(start), 0.1 * width)?.circle;
+    }
+    let strongest = edges.iter().map(|e| e.1).fold(0.0, f64::max);
+    let real: Vec<f64> = edges.iter().filter(|e| e.1 > 0.2 * strongest).map(|e| e.0).collect();
+    // The rod is the outermost edge, unless the nominal diameter clearly says another one.
+    let outermost = real.iter().copied().fold(0.0, f64::max);
+    let radius = match nominal_mm.map(|d| 0.5 * d) {
+        Some(r) => {
+            let nearest = real
+                .iter()
+                .copied()
+                .min_by(|a, b| (a - r).abs().total_cmp(&(b - r).abs()))
+                .unwrap_or(outermost);
+            if (nearest - r).abs() < 0.01 * r { nearest } else { outermost }
+        }
+        None => outermost,
+    };
+    let gap = 0.02;
+    Some(Rim {
+        circle: Circle { center: best.center, radius },
+        inner_mm: real.iter().copied().filter(|e| *e < radius - gap).max_by(f64::total_cmp),
+        outer_mm: real.iter().copied().filter(|e| *e > radius + gap).min_by(f64::total_cmp),
+    })
+}
+
+fn center(voters: &[Voter], captures: usize, (near, far): (f64, f64)) -> Option<Vector2<f64>> {
+    let (mut lo, mut hi) = (Vector2::repeat(f64::INFINITY), Vector2::repeat(f64::NEG_INFINITY));
+    for v in voters {
+        lo = lo.inf(&v.place_mm);
+        hi = hi.sup(&v.place_mm);
+    }
+    if voters.len() < 30 {
+        return None;
+    }
+    // A few captures of one side see the centre outside of them all.
+    let margin = if captures < 3 { far } else { 0.3 * (hi - lo).max() };
+    lo -= Vector2::repeat(margin);
+    hi += Vector2::repeat(margin);
+    let cell = (hi - lo).max() / CELLS;
+    let (w, h) = (((hi.x - lo.x) / cell) as usize + 1, ((hi.y - lo.y) / cell) as usize + 1);
+    let mut each = vec![0.0f32; captures];
+    voters.iter().for_each(|v| each[v.capture] += 1.0);
+    let mut grid = vec![0.0f32; w * h];
+    for v in voters {
+        let weight = 1.0 / each[v.capture];
+        for sign in [1.0, -1.0] {
+            let step = v.along * sign * cell;
+            let start = (v.place_mm + v.along * sign * near - lo) / cell;
+            let mut at = start;
+            for _ in 0..((far - near) / cell) as usize {
+                if at.x < 0.0 || at.y < 0.0 || at.x >= w as f64 || at.y >= h as f64 {
+                    break;
+                }
+                grid[at.y as usize * w + at.x as usize] += weight;
+                at += step / cell;
+            }
+        }
+    }
+    let image = crate::frame::Gray { width: w, height: h, data: grid };
+    let smooth = crate::find::blur(&image, 2.0);
+    let at = (0..smooth.data.len()).max_by(|&a, &b| smooth.data[a].total_cmp(&smooth.data[b]))?;
+    Some(lo + Vector2::new((at % w) as f64 + 0.5, (at / w) as f64 + 0.5) * cell)
+}
+
+/// Radii at which radial edges gather, with their weight: the mean over the captures of each one's share.
+fn radii(
+    voters: &[Voter],
+    captures: usize,
+    center: Vector2<f64>,
+    (near, far): (f64, f64),
+    width: f64,
+    tolerance: f64,
+) -> Vec<(f64, f64)> {
+    let bins = ((far - near) / width).ceil().clamp(1.0, 1e6) as usize + 2;
+    let mut counts = vec![0.0f64; bins];
+    let mut each = vec![0.0f64; captures];
+    let radial: Vec<(f64, usize)> = voters
+        .iter()
+        .filter_map(|v| {
+            let q = v.place_mm - center;
+            let r = q.norm();
+            (r > near && r < far && (v.along.perp(&q) / r).abs() < tolerance)
+                .then_some((r, v.capture))
+        })
+        .collect();
+    radial.iter().for_each(|(_, c)| each[*c] += 1.0);
+    for (r, c) in &radial {
+        counts[((r - near) / width) as usize + 1] += 1.0 / each[*c].max(50.0);
+    }
+    let smooth = |i: usize| counts[i - 1] + 2.0 * counts[i] + counts[i + 1];
+    let mut peaks = Vec::new();
+    for i in 2..bins.saturating_sub(2) {
+        let v = smooth(i);
+        if v > smooth(i - 1) && v >= smooth(i + 1) && v > 0.0 {
+            let shift = (counts[i + 1] - counts[i - 1]) / v;
+            peaks.push((near + (i as f64 - 0.5 + shift) * width, v));
+        }
+    }
+    peaks
+}
