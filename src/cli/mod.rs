@@ -86,8 +86,6 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Args),
-    Diagnose(diagnose::Args),
-    Render(render::Args),
     Ballbar(ballbar::Args),
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
@@ -189,8 +187,6 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Align(args) => align::run(args, global),
-        Command::Diagnose(args) => diagnose::run(args, global),
-        Command::Render(args) => render::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
