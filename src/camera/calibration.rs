@@ -164,6 +164,16 @@ impl Calibration {
         Ok(Self { name: file.name, mapping, laser: file.laser })
     }
 
+    /// Width and height of the frames the lens was calibrated for; `None` for a plain scale.
+    pub fn lens_size(&self) -> Option<(usize, usize)> {
+        match &self.mapping {
+            Mapping::Pinhole { lens, .. } => {
+                Some((lens.width_px as usize, lens.height_px as usize))
+            }
+            Mapping::Scale { .. } => None,
+        }
+    }
+
     /// The calibration as the text of its file.
     pub fn to_toml(&self) -> String {
         let (camera, plane, scale) = match &self.mapping {

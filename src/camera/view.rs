@@ -77,6 +77,21 @@ impl View {
         lens * projection_jacobian(&self.to_image, plane_mm)
     }
 
+    /// How far a point of the plane is seen away from its place when k1, k2, p1, p2 differ by `lens` from the
+    /// calibration's, to first order in the lens' own distortion.
+    pub fn lens_shift_mm(&self, plane_mm: Vector2<f64>, lens: [f64; 4]) -> Vector2<f64> {
+        let p = project(&self.to_image, plane_mm);
+        let [k1, k2, p1, p2] = lens;
+        let (x, y) = (p.x, p.y);
+        let r2 = x * x + y * y;
+        let radial = r2 * (k1 + r2 * k2);
+        let shift = Vector2::new(
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        );
+        project(&self.to_plane, p + shift) - plane_mm
+    }
+
     /// Mean size of a pixel in the plane, at the frame's middle.
     pub fn pixel_mm(&self) -> f64 {
         let middle =

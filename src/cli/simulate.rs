@@ -1,14 +1,19 @@
-//! `pivotsight simulate`: what a machine model would show.
+//! `pivotsight simulate`: what should be measured, from the machine file and its effects.
 
 use std::path::PathBuf;
 
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
 use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, envelope};
+use crate::diagnose::data::rtcp::add_effects;
+use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::{Document, Format};
 use crate::rtcp::sweep::{CONDITIONS, DEVIATION, Sweep, predict};
+use crate::table::Table;
 
 /// Predicts measured data from a machine model
 #[derive(Debug, clap::Args)]
@@ -16,46 +21,107 @@ pub struct Args {
     /// The kind of data
     #[arg(value_enum)]
     kind: Kind,
-    /// The machine file, with the effects it is to show
+    /// The machine file, with the effects it is to show; rtcp and ballbar need one
     #[arg(long, value_name = "FILE")]
-    model: PathBuf,
+    model: Option<PathBuf>,
     /// CSV of what is commanded; measured columns in it are replaced by predicted ones
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// rtcp: the machine file whose values the control holds; the model's own where left out
     #[arg(long, value_name = "FILE")]
     now: Option<PathBuf>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum Kind {
-    /// Deviations of a held tool point over B and C
-    Rtcp,
+    /// rod: the camera's calibration file
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// Add Gaussian noise of this standard deviation
+    #[arg(long, value_name = "S", default_value_t = 0.0)]
+    noise_mm: f64,
+    /// Seed of the noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    if !args.noise_mm.is_finite() || args.noise_mm < 0.0 {
+        let reason = format!("is {}", args.noise_mm);
+        return Err(Error::option("--noise-mm", reason, "give a size in mm, zero or more"));
+    }
     match args.kind {
         Kind::Rtcp => rtcp(args, global),
+        _ => other(args, global),
     }
 }
 
-fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
-    let model = Machine::read(&args.model)?;
-    if let Some(effect) = model.effects.first() {
-        return Err(Error::measure(
-            format!("effect '{}'", effect.name),
-            "cannot be simulated by this version",
-            "remove it from the model",
-        ));
+/// Gaussian noise in the order of the predicted values.
+fn noise(args: &Args) -> impl FnMut() -> f64 {
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
+    let size = args.noise_mm;
+    move || {
+        if size == 0.0 {
+            return 0.0;
+        }
+        let z: f64 = StandardNormal.sample(&mut rng);
+        size * z
     }
+}
+
+/// Kinds whose whole prediction comes from the effects library.
+fn other(args: &Args, global: &Global) -> Result<Outcome> {
+    let source = Source {
+        kind: args.kind,
+        data: args.data.clone(),
+        model: args.model.clone(),
+        calib: args.calib.clone(),
+    };
+    let mut warnings = Vec::new();
+    let experiment = source.load(&mut warnings)?;
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let start: Vec<f64> = experiment.nuisances().iter().map(|p| p.start).collect();
+    let mut predicted = experiment.predict(&start, &[]);
+    let mut noise = noise(args);
+    predicted.iter_mut().for_each(|p| *p += noise());
+    let columns = experiment.predicted_columns(&predicted);
+    let table = Table::read(&args.data, &[], &["*"])?;
+    let rows: Vec<Value> = (0..table.rows())
+        .map(|r| {
+            let mut row = Map::new();
+            for name in table.names() {
+                let cell = table.text(r, name);
+                let value = cell.parse::<f64>().map_or_else(|_| cell.into(), Value::from);
+                row.insert(name.clone(), value);
+            }
+            for (name, values) in &columns {
+                row.insert((*name).to_owned(), values[r].into());
+            }
+            Value::Object(row)
+        })
+        .collect();
+    let mut json = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
+    json.insert("kind".into(), experiment.kind().into());
+    json.insert("rows".into(), Value::Array(rows.clone()));
+    let mut document = Document { json: json.into(), rows, table: String::new() };
+    document.table = document.text(Format::Csv);
+    Ok(Outcome::good(document))
+}
+
+fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
+    let path = args.model.as_ref().ok_or_else(|| {
+        Error::option("--model", "is missing", "give the machine file the data are predicted from")
+    })?;
+    let model = Machine::read(path)?;
     let real = model.chain()?;
     let control = match &args.now {
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
     let sweep = Sweep::read(&args.data)?;
-    let d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
+    let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
+    let mut warnings = Vec::new();
+    add_effects(&model, &sweep.table, &mut d, &mut warnings)?;
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let mut noise = noise(args);
+    d.iter_mut().for_each(|d| d.iter_mut().for_each(|v| *v += noise()));
 
     // Columns as in the data, then the deviation; people and programs get the same table.
     let kept: Vec<&str> =
@@ -75,7 +141,7 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
         let pairs = names.iter().map(|n| (*n).to_owned()).zip(cells.into_iter().map(value));
         rows.push(Value::Object(pairs.collect::<Map<_, _>>()));
     }
-    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &[]);
+    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
     map.insert("kind".into(), "rtcp".into());
     map.insert("rows".into(), rows.clone().into());
     Ok(Outcome::good(Document { json: Value::Object(map), rows, table: csv }))

@@ -8,9 +8,9 @@ use nalgebra::Vector2;
 use crate::camera::Calibration;
 use crate::error::Result;
 use crate::fit::Circle;
-use crate::frame::Picture;
+use crate::frame::{Frame, Picture};
 use crate::measure::burn::{self, ToleranceKind};
-use crate::measure::{circles, ring::Ring};
+use crate::measure::{circles, ring::Ring, rod};
 use crate::uncertainty::{Verdict, text};
 use canvas::Rgb;
 use sheet::{Line, REJECTED, Sheet, USED};
@@ -103,6 +103,44 @@ pub fn circles(
     lines.push(legend((report.pairs.len() == 1).then_some(factor)));
     lines.push(Line::faint(title));
     sheet.finish(&Line::plain(headline), &lines)
+}
+
+/// The overlay of one capture of the rod as PNG: the common circle over the arc that this capture shows.
+pub fn rod(
+    frame: &Frame,
+    calibration: &Calibration,
+    measured: &rod::Measured,
+    capture: usize,
+) -> Result<Vec<u8>> {
+    let report = &measured.report;
+    let view = calibration.view(frame.width(), frame.height())?;
+    let mut sheet = Sheet::new(frame, &view);
+    let circle = measured.circles[capture];
+    sheet.circle(circle, CIRCLES[0]);
+    let points = measured.points.iter().filter(|p| p.capture == capture);
+    sheet.points(points.map(|p| (p.pixel, p.used)));
+    sheet.cross(circle.center, 14.0, CIRCLES[0]);
+    sheet.scale_bar();
+    let name = if report.axis_separated { "C axis" } else { "rod" };
+    let [x, y] = report.axis_center_mm;
+    let [ux, uy] = report.axis_center_u95_mm;
+    let headline = Line::plain(format!("{name}  X {}  Y {} mm", text(x, ux), text(y, uy)));
+    let seen = &report.captures[capture];
+    let lines = [
+        Line::plain(format!("Ø {} mm", text(report.diameter_mm, report.diameter_u95_mm))),
+        Line(
+            format!(
+                "this capture: edge used {:.0} %  residuals mean {:+.5}  rms {:.5} mm",
+                100.0 * seen.arc_used,
+                seen.residual_mean_mm,
+                seen.residual_rms_mm
+            ),
+            CIRCLES[0],
+        ),
+        legend(None),
+        Line::faint(format!("{}  X {} Y {} C {}", seen.image, seen.x_mm, seen.y_mm, seen.c_deg)),
+    ];
+    sheet.finish(&headline, &lines)
 }
 
 /// Edge points, circles and centres; with two circles the arrow between their centres. Gives its enlargement.

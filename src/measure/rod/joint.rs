@@ -14,6 +14,8 @@ pub(super) struct Arc {
     pub position_mm: Vector2<f64>,
     /// Index of the capture's table angle.
     pub angle: usize,
+    /// Index of the capture.
+    pub capture: usize,
 }
 
 impl Arc {
@@ -33,8 +35,9 @@ pub(super) struct Joint {
 }
 
 /// Robust joint fit by iterated reweighting: all arcs share the radius, arcs of one angle share the centre.
-pub(super) fn robust(arcs: &[Arc], angles: usize, start: Circle, rounds: usize) -> Option<Joint> {
-    let mut centers = vec![start.center; angles];
+pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint> {
+    let mut centers = start.centers.clone();
+    let angles = centers.len();
     let mut radius = start.radius;
     let mut weights: Vec<Vec<f64>> = arcs.iter().map(|a| own_weights(&a.points)).collect();
     let own = weights.clone();

@@ -2,6 +2,7 @@
 
 mod captures;
 mod joint;
+mod outer;
 mod points;
 mod seek;
 
@@ -18,6 +19,7 @@ use crate::frame::{Channel, Frame, Picture};
 use crate::measure::ring::{self, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
+use seek::Rim;
 
 /// What is known beforehand.
 #[derive(Debug, Clone)]
@@ -191,18 +193,46 @@ pub fn measure_frames(
         )
     })?;
     let (c_deg, angle_of) = table_angles(captures);
-    let mut guess = Joint {
-        centers: vec![rim.circle.center; c_deg.len()],
-        radius: rim.circle.radius,
-        weights: Vec::new(),
-    };
+    let starts: Vec<Vector2<f64>> = (0..c_deg.len())
+        .map(|a| match c_deg.len() {
+            1 => rim.circle.center,
+            _ => seek::recentre(&voters, &rim, |capture| angle_of[capture] == a, 0.2),
+        })
+        .collect();
+    let (mut arcs, mut fitted) = follow(captures, frames, &starts, &angle_of, rim)?;
+    let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
+    if !nominal && let Some(radius) = outer::edge(&arcs, frames, &fitted) {
+        // What was found is the inner edge of a chamfer: the rod is the edge outside it.
+        let rim = Rim {
+            circle: Circle { center: fitted.centers[0], radius },
+            inner_mm: Some(fitted.radius),
+            outer_mm: None,
+        };
+        if let Ok(better) = follow(captures, frames, &fitted.centers, &angle_of, rim) {
+            (arcs, fitted) = better;
+        }
+    }
+    finish(captures, frames, options, &c_deg, &arcs, &fitted)
+}
+
+/// Follows a rim through all captures: edge points and the joint circle in turn.
+fn follow(
+    captures: &[Capture],
+    frames: &[(Frame, View)],
+    starts: &[Vector2<f64>],
+    angle_of: &[usize],
+    rim: Rim,
+) -> Result<(Vec<Arc>, Joint)> {
+    use rayon::prelude::*;
+    let mut guess =
+        Joint { centers: starts.to_vec(), radius: rim.circle.radius, weights: Vec::new() };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
-    for round in 0..3 {
-        let scanned: Vec<Option<Arc>> = frames
+    for reach_px in [12.0, 4.0, 1.0] {
+        arcs = frames
             .par_iter()
             .enumerate()
-            .map(|(i, (frame, view))| {
+            .filter_map(|(i, (frame, view))| {
                 let position_mm = captures[i].position_mm;
                 let rough = Circle {
                     center: guess.centers[angle_of[i]] - position_mm,
@@ -215,43 +245,35 @@ pub fn measure_frames(
                     })
                 };
                 let search = Search {
-                    reach_px: [12.0, 4.0, 1.0][round],
+                    reach_px,
                     inside_limit_px: limit(rim.inner_mm),
                     outside_limit_px: limit(rim.outer_mm),
                     softness_px: softness[i],
                 };
                 let points = ring::edge_points(frame, view, rough, search)?;
-                Some(Arc { points, position_mm, angle: angle_of[i] })
+                Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
             .collect();
-        for (i, arc) in scanned.iter().enumerate() {
-            if let Some(arc) = arc {
-                softness[i] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
-            }
+        for arc in &arcs {
+            softness[arc.capture] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
         }
-        arcs = scanned
-            .into_iter()
-            .enumerate()
-            .map(|(i, arc)| {
-                arc.ok_or_else(|| {
-                    Error::measure(
-                        captures[i].image.clone(),
-                        "the rod's rim is not seen where the other captures say that it is",
-                        "check this capture's x_mm, y_mm and picture, or leave it out",
-                    )
-                })
-            })
-            .collect::<Result<Vec<_>>>()?;
-        let start = Circle { center: guess.centers[0], radius: guess.radius };
-        guess = joint::robust(&arcs, c_deg.len(), start, 20).ok_or_else(|| {
+        if let Some(a) = (0..starts.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
+            let first = angle_of.iter().position(|angle| *angle == a).unwrap_or(0);
+            return Err(Error::measure(
+                format!("the captures at C = {}°", captures[first].c_deg),
+                "the rod's rim is not seen where the other captures say that it is",
+                "check x_mm, y_mm and the pictures, or leave them out",
+            ));
+        }
+        guess = joint::robust(&arcs, &guess, 20).ok_or_else(|| {
             Error::measure(
-                subject,
+                "captures",
                 "too few edge points for a circle",
                 "take captures all round the rim",
             )
         })?;
     }
-    finish(captures, frames, options, &c_deg, &arcs, &guess)
+    Ok((arcs, guess))
 }
 
 /// The different table angles, and which one each capture has.
@@ -405,10 +427,9 @@ fn find_axis(
 fn blurred_radius(arcs: &[Arc], frames: &[(Frame, View)]) -> f64 {
     let sum: f64 = arcs
         .iter()
-        .zip(frames)
-        .map(|(a, (_, view))| {
+        .map(|a| {
             let s = a.points.located.step.softness_px;
-            s * s / (2.0 * a.points.radius_px) * view.pixel_mm()
+            s * s / (2.0 * a.points.radius_px) * frames[a.capture].1.pixel_mm()
         })
         .sum();
     sum / arcs.len().max(1) as f64
@@ -423,6 +444,18 @@ fn residuals(
 ) -> (Vec<EdgePoint>, Vec<CaptureReport>) {
     let mut points = Vec::new();
     let mut reports = Vec::new();
+    for capture in captures {
+        reports.push(CaptureReport {
+            image: capture.image.clone(),
+            x_mm: capture.position_mm.x,
+            y_mm: capture.position_mm.y,
+            c_deg: capture.c_deg,
+            edge_points: 0,
+            arc_used: 0.0,
+            residual_mean_mm: 0.0,
+            residual_rms_mm: 0.0,
+        });
+    }
     for (k, arc) in arcs.iter().enumerate() {
         let (mut n, mut sum, mut squares) = (0usize, 0.0, 0.0);
         for i in 0..arc.points.place_mm.len() {
@@ -433,19 +466,19 @@ fn residuals(
                 sum += residual_mm;
                 squares += residual_mm * residual_mm;
             }
-            points.push(EdgePoint { capture: k, pixel: arc.points.place_px[i], residual_mm, used });
+            points.push(EdgePoint {
+                capture: arc.capture,
+                pixel: arc.points.place_px[i],
+                residual_mm,
+                used,
+            });
         }
         let count = n.max(1) as f64;
-        reports.push(CaptureReport {
-            image: captures[k].image.clone(),
-            x_mm: captures[k].position_mm.x,
-            y_mm: captures[k].position_mm.y,
-            c_deg: captures[k].c_deg,
-            edge_points: n,
-            arc_used: n as f64 / arc.points.place_mm.len().max(1) as f64,
-            residual_mean_mm: sum / count,
-            residual_rms_mm: (squares / count).sqrt(),
-        });
+        let report: &mut CaptureReport = &mut reports[arc.capture];
+        report.edge_points = n;
+        report.arc_used = n as f64 / arc.points.place_mm.len().max(1) as f64;
+        report.residual_mean_mm = sum / count;
+        report.residual_rms_mm = (squares / count).sqrt();
     }
     (points, reports)
 }
@@ -454,17 +487,12 @@ fn residuals(
 fn arc_warnings(arcs: &[Arc], robust: &Joint, options: &Options, warnings: &mut Vec<String>) {
     let mut seen = [false; 72];
     for (k, arc) in arcs.iter().enumerate() {
-        let mut used = 0;
         for i in 0..arc.points.place_mm.len() {
             if robust.weights[k][i] > 0.0 {
-                used += 1;
                 let q = arc.machine(i) - robust.centers[arc.angle];
                 let turn = (q.y.atan2(q.x) / std::f64::consts::TAU + 1.0).fract();
                 seen[((turn * 72.0) as usize).min(71)] = true;
             }
-        }
-        if used < 12 {
-            warnings.push(format!("capture {} gives only {used} edge points", k + 1));
         }
     }
     let twice: Vec<bool> = seen.iter().chain(&seen).copied().collect();

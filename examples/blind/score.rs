@@ -1,0 +1,168 @@
+//! Scoring of answers against sealed truths.
+
+use pivotsight::diagnose::report::{Report, Verdict};
+use pivotsight::diagnose::run::{Options, diagnose};
+
+use crate::Case;
+
+/// A sort of case.
+pub struct Sort {
+    /// Name in the table.
+    pub name: &'static str,
+    /// Named effects hidden.
+    pub known: usize,
+    /// 0 none, 1 within the generic shapes, 2 outside every dictionary.
+    pub unknown: u8,
+    /// Size in standard errors.
+    pub z: f64,
+    /// Immediate repeats among the captures.
+    pub repeats: usize,
+    /// A poor design (one C angle, monotonic order).
+    pub poor: bool,
+}
+
+const fn sort(name: &'static str, known: usize, unknown: u8, z: f64, repeats: usize) -> Sort {
+    Sort { name, known, unknown, z, repeats, poor: false }
+}
+
+/// All sorts.
+pub const SORTS: &[Sort] = &[
+    sort("nothing", 0, 0, 0.0, 0),
+    sort("one z5", 1, 0, 5.0, 0),
+    sort("one z10", 1, 0, 10.0, 0),
+    sort("one z20", 1, 0, 20.0, 0),
+    sort("one z40", 1, 0, 40.0, 0),
+    sort("two z10-40", 2, 0, 10.0, 0),
+    sort("three z15-40", 3, 0, 15.0, 0),
+    sort("unknown z10", 0, 1, 10.0, 0),
+    sort("unknown z20", 0, 1, 20.0, 0),
+    sort("outside z20 repeats", 0, 2, 20.0, 20),
+    sort("known+unknown z15", 1, 1, 15.0, 20),
+    Sort { name: "poor z15", known: 1, unknown: 0, z: 15.0, repeats: 0, poor: true },
+];
+
+/// Counts of one sort.
+#[derive(Default)]
+pub struct Tally {
+    cases: usize,
+    statement: usize,
+    exact: usize,
+    in_class: usize,
+    class_sizes: Vec<f64>,
+    false_names: usize,
+    flagged: usize,
+    right_variable: usize,
+    closed: Vec<f64>,
+    verbose: Vec<String>,
+}
+
+/// Runs the diagnosis on a case's data alone.
+fn answer(case: &Case, kind: &str) -> Report {
+    let options = Options { noise_mm: case.noise_mm };
+    let experiment = match kind {
+        "rtcp" => crate::rtcp::read(&case.csv),
+        _ => crate::rod::read(&case.csv),
+    };
+    diagnose(experiment.as_ref(), &options).expect("the diagnosis runs").report
+}
+
+impl Tally {
+    /// Diagnoses a case and scores the answer.
+    pub fn add(&mut self, sort: &Sort, case: &Case, kind: &str) {
+        let report = answer(case, kind);
+        self.cases += 1;
+        let truth = &case.truth;
+        let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        let classes: Vec<Vec<&str>> = report
+            .effects
+            .iter()
+            .map(|e| {
+                let rivals = e.confusable_with.iter().map(String::as_str);
+                std::iter::once(e.name.as_str()).chain(rivals).collect()
+            })
+            .collect();
+        self.statement += usize::from(report.verdict != Verdict::Consistent);
+        let all_in = truth.names.iter().all(|t| classes.iter().any(|c| c.contains(t)));
+        let false_name = classes.iter().any(|c| !truth.names.iter().any(|t| c.contains(t)));
+        let same =
+            names.len() == truth.names.len() && truth.names.iter().all(|t| names.contains(t));
+        self.exact += usize::from(same && (truth.unknown.is_some() || report.unnamed.is_empty()));
+        self.in_class += usize::from(all_in);
+        self.false_names += usize::from(false_name);
+        self.class_sizes.extend(classes.iter().map(|c| c.len() as f64));
+        self.flagged += usize::from(matches!(report.verdict, Verdict::Unknown | Verdict::Partly));
+        if let Some(variable) = truth.unknown {
+            self.right_variable +=
+                usize::from(report.unnamed.iter().any(|u| u.versus.contains(variable)));
+        }
+        let g = &report.gap;
+        let noise2 = g.noise_rms_mm.powi(2);
+        let before = g.heldout_before_rms_mm.powi(2) - noise2;
+        if before > 0.0 {
+            self.closed.push(1.0 - (g.heldout_after_rms_mm.powi(2) - noise2).max(0.0) / before);
+        }
+        let wrong = if sort.unknown > 0 {
+            false_name || !all_in
+        } else {
+            !all_in
+                || false_name
+                || (sort.known > 0 && !same)
+                || (sort.known == 0 && report.verdict != Verdict::Consistent)
+        };
+        if wrong {
+            let found: Vec<String> = classes.iter().map(|c| c.join("|")).collect();
+            let unnamed: Vec<String> = report
+                .unnamed
+                .iter()
+                .map(|u| format!("{}/{}/{}", u.output, u.versus, u.shape))
+                .collect();
+            self.verbose
+                .push(format!("    {truth:?} -> {found:?} {unnamed:?} {}", report.verdict.word()));
+        }
+    }
+
+    /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers.
+    pub fn print(&mut self, sort: &Sort, seconds: f64) {
+        let n = self.cases;
+        let mut parts = Vec::new();
+        if sort.known + usize::from(sort.unknown) == 0 {
+            parts.push(format!("any statement {}", rate(self.statement, n)));
+        }
+        if sort.known > 0 {
+            parts.push(format!("exact {}", rate(self.exact, n)));
+            parts.push(format!("in class {}", rate(self.in_class, n)));
+            let mean = self.class_sizes.iter().sum::<f64>() / self.class_sizes.len().max(1) as f64;
+            parts.push(format!("class size {mean:.2}"));
+        }
+        if sort.unknown > 0 {
+            parts.push(format!("flagged {}", rate(self.flagged, n)));
+            parts.push(format!("right variable {}", rate(self.right_variable, n)));
+        }
+        parts.push(format!("false names {}", rate(self.false_names, n)));
+        if sort.known > 0 && sort.unknown == 0 && !self.closed.is_empty() {
+            self.closed.sort_by(f64::total_cmp);
+            parts.push(format!(
+                "held-out excess removed {:.1} %",
+                100.0 * self.closed[self.closed.len() / 2]
+            ));
+        }
+        println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));
+        if std::env::var_os("BLIND_VERBOSE").is_some() {
+            self.verbose.iter().for_each(|v| println!("{v}"));
+        }
+    }
+}
+
+/// A rate in percent with its 95 % Wilson interval.
+fn rate(hits: usize, n: usize) -> String {
+    let (n, z) = (n.max(1) as f64, 1.96);
+    let p = hits as f64 / n;
+    let centre = (p + z * z / (2.0 * n)) / (1.0 + z * z / n);
+    let half = z / (1.0 + z * z / n) * (p * (1.0 - p) / n + z * z / (4.0 * n * n)).sqrt();
+    format!(
+        "{:.1} % [{:.1}, {:.1}]",
+        100.0 * p,
+        100.0 * (centre - half).max(0.0),
+        100.0 * (centre + half).min(1.0)
+    )
+}

@@ -1,0 +1,183 @@
+//! `pivotsight diagnose`: what the machine model lacks, by name where the evidence allows it.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use clap::Args as ClapArgs;
+
+use crate::cli::{Global, Outcome, envelope};
+use crate::diagnose::load::{Kind, Source};
+use crate::diagnose::report::{Detectable, Report};
+use crate::diagnose::run::{Options, diagnose};
+use crate::diagnose::{model, page, plan};
+use crate::error::{Error, Result};
+use crate::output::{Document, write_whole};
+
+/// Find where simulation and measurement part, and name what is missing
+#[derive(Debug, ClapArgs)]
+pub struct Args {
+    /// The kind of data
+    #[arg(value_enum)]
+    kind: Kind,
+    /// Measured data (columns: docs/diagnose.md)
+    #[arg(long, value_name = "DATA.csv")]
+    data: PathBuf,
+    /// The machine file the control's numbers stand in
+    #[arg(long, value_name = "machine.toml")]
+    model: Option<PathBuf>,
+    /// The camera's calibration file (rod)
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+    /// Standard deviation of one value where it is known; otherwise it is taken from repeats and the data
+    #[arg(long, value_name = "S")]
+    noise_mm: Option<f64>,
+    /// Write the machine file with the named effects added
+    #[arg(long, value_name = "FILE")]
+    write_model: Option<PathBuf>,
+    /// Write a page with plots before and after into this folder
+    #[arg(long, value_name = "DIR")]
+    report: Option<PathBuf>,
+    /// Only say what this plan can and cannot show; the measured columns are not needed
+    #[arg(long)]
+    plan_only: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let source = Source {
+        kind: args.kind,
+        data: args.data.clone(),
+        model: args.model.clone(),
+        calib: args.calib.clone(),
+    };
+    let mut warnings = Vec::new();
+    let experiment = source.load(&mut warnings)?;
+    let input = args.data.display().to_string();
+    if args.plan_only {
+        let noise_mm = args.noise_mm.ok_or_else(|| {
+            Error::option(
+                "--noise-mm",
+                "is missing: what can be seen depends on it",
+                "give the standard deviation of one value in mm",
+            )
+        })?;
+        let list = plan::detectable(experiment.as_ref(), noise_mm)?;
+        warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+        let mut json = envelope("diagnose", input, &warnings);
+        json.insert("kind".into(), experiment.kind().into());
+        json.insert("noise_mm".into(), noise_mm.into());
+        json.insert("detectable".into(), serde_json::to_value(&list).unwrap_or_default());
+        return Ok(Outcome::good(Document::single(json.into(), plan_table(&list))));
+    }
+    let diagnosis = diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm })?;
+    let report = diagnosis.report;
+    for (name, why) in &report.untested {
+        warnings.push(format!("{name} could not be tested: {why}"));
+    }
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    if let Some(path) = &args.write_model {
+        let machine = model::with_effects(&source.machine()?, &report);
+        write_whole(path, machine.to_toml().as_bytes())?;
+    }
+    if let Some(folder) = &args.report {
+        page::write(folder, experiment.as_ref(), &report)?;
+    }
+    let mut json = envelope("diagnose", input, &warnings);
+    if let Ok(serde_json::Value::Object(map)) = serde_json::to_value(&report) {
+        json.extend(map);
+    }
+    Ok(Outcome::good(Document::single(json.into(), table(&report))))
+}
+
+fn table(r: &Report) -> String {
+    let mut t = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        t,
+        "verdict   {}  ({} captures, {} values, noise {:.2} µm: {})",
+        r.verdict.word(),
+        r.captures,
+        r.observations,
+        1e3 * r.noise_mm,
+        r.noise_source
+    );
+    for e in &r.effects {
+        let _ = writeln!(
+            t,
+            "effect    {}: {} ({:.0} % of the gap)",
+            e.name, e.meaning, e.share_percent
+        );
+        for (name, value) in &e.parameters {
+            match e.parameters_u95.get(name) {
+                Some(u) => {
+                    let _ = writeln!(t, "            {name} = {value:.6} ± {u:.6}");
+                }
+                None => {
+                    let _ = writeln!(t, "            {name} = {value}");
+                }
+            }
+        }
+        if !e.confusable_with.is_empty() {
+            let _ = writeln!(t, "            fits as well: {}", e.confusable_with.join(", "));
+        }
+        if !e.form_corrected_over.is_empty() {
+            let _ = writeln!(
+                t,
+                "            its size changes with {} more than the library's forms say",
+                e.form_corrected_over.join(", ")
+            );
+        }
+    }
+    for u in &r.unnamed {
+        let _ = writeln!(t, "unnamed   {}", u.text);
+    }
+    let g = &r.gap;
+    let _ = writeln!(
+        t,
+        "gap       {:.2} -> {:.2} µm rms; on captures held out {:.2} -> {:.2} µm; noise {:.2} µm",
+        1e3 * g.before_rms_mm,
+        1e3 * g.after_rms_mm,
+        1e3 * g.heldout_before_rms_mm,
+        1e3 * g.heldout_after_rms_mm,
+        1e3 * g.noise_rms_mm
+    );
+    for w in r.places.iter().take(3) {
+        let _ = writeln!(
+            t,
+            "where     {} at {} {:.2} .. {:.2}: {:.2} µm rms before",
+            w.output,
+            w.versus,
+            w.from,
+            w.to,
+            1e3 * w.rms_mm
+        );
+    }
+    if let Some(next) = &r.next_measurement {
+        let _ = writeln!(t, "next      {}", next.text);
+    }
+    if !r.outliers.is_empty() {
+        let _ = writeln!(t, "outliers  {} values set aside", r.outliers.len());
+    }
+    t
+}
+
+fn plan_table(list: &[Detectable]) -> String {
+    let mut t = format!("{:18} smallest size seen 19 times of 20\n", "effect");
+    for d in list {
+        let what = match &d.untestable {
+            Some(why) => format!("cannot be tested: {why}"),
+            None => d
+                .least
+                .iter()
+                .map(|(name, v)| format!("{name} {v:.3e}"))
+                .collect::<Vec<_>>()
+                .join(", "),
+        };
+        let _ = write!(t, "{:18} {what}", d.name);
+        if !d.aliases.is_empty() {
+            let _ = write!(t, "  (looks like {})", d.aliases.join(", "));
+        }
+        t.push('\n');
+    }
+    t
+}

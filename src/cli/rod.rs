@@ -1,0 +1,126 @@
+//! `pivotsight rod`: arcs of the check rod's rim → the C axis.
+
+use std::collections::HashSet;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use super::pictures::keys;
+use super::{Global, Outcome, envelope};
+use crate::camera::Calibration;
+use crate::draw;
+use crate::error::Result;
+use crate::frame::{Channel, Picture};
+use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
+use crate::output::{Document, create_folder, write_whole};
+use crate::uncertainty::text;
+
+/// Measures the check rod from captures of its rim: the C axis, the rod's diameter and eccentricity
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Table of the captures: image,x_mm,y_mm and optionally z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y
+    #[arg(value_name = "CAPTURES.csv")]
+    captures: PathBuf,
+    /// The camera's calibration file
+    #[arg(long, value_name = "FILE")]
+    calib: PathBuf,
+    /// The rod's nominal diameter, known to 0.02 mm
+    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    diameter_mm: Option<f64>,
+    /// Sense in which a positive C turns the table (c_sense of the machine file)
+    #[arg(long, value_name = "1|-1", default_value_t = 1.0, allow_negative_numbers = true)]
+    c_sense: f64,
+    /// Which part of colour pictures is measured
+    #[arg(long, value_enum, default_value = "auto")]
+    channel: Channel,
+    /// Write the edge points to FILE, for `diagnose rod`
+    #[arg(long, value_name = "FILE")]
+    points: Option<PathBuf>,
+    /// Write pictures of what was measured to DIR
+    #[arg(long, value_name = "DIR")]
+    overlay: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let options = Options {
+        diameter_mm: args.diameter_mm,
+        c_sense: args.c_sense,
+        channel: args.channel,
+        ..Options::default()
+    };
+    let calibration = Calibration::read(&args.calib)?;
+    let captures = read_captures(&args.captures)?;
+    let measured = rod::measure(&captures, &calibration, &options)?;
+    if let Some(path) = &args.points {
+        write_whole(path, points_csv(&captures, &measured).as_bytes())?;
+    }
+    if let Some(folder) = &args.overlay {
+        overlays(folder, &captures, &calibration, &measured, args.channel)?;
+    }
+    let report = &measured.report;
+    report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let mut json = envelope("rod", &args.captures, &report.warnings);
+    json.extend(keys(report, &args.captures.display().to_string())?);
+    Ok(Outcome::good(Document::single(json.into(), table(report))))
+}
+
+/// One picture a capture, numbered as in the table where a name comes twice.
+fn overlays(
+    folder: &Path,
+    captures: &[Capture],
+    calibration: &Calibration,
+    measured: &Measured,
+    channel: Channel,
+) -> Result<()> {
+    create_folder(folder)?;
+    let mut taken = HashSet::new();
+    for (index, capture) in captures.iter().enumerate() {
+        let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
+        let mut name = format!("{stem}.overlay.png");
+        if !taken.insert(name.clone()) {
+            name = format!("{stem}-{}.overlay.png", index + 1);
+        }
+        let frame = Picture::read(&capture.path)?.into_frame(channel);
+        write_whole(folder.join(name), &draw::rod(&frame, calibration, measured, index)?)?;
+    }
+    Ok(())
+}
+
+fn table(r: &Report) -> String {
+    let mut t = String::new();
+    let pair =
+        |v: [f64; 2], u: [f64; 2]| format!("X {} mm   Y {} mm", text(v[0], u[0]), text(v[1], u[1]));
+    // Writing to a String cannot fail.
+    let name = if r.axis_separated { "C axis" } else { "rod" };
+    let _ = writeln!(t, "{name:<14}{}", pair(r.axis_center_mm, r.axis_center_u95_mm));
+    let _ = writeln!(
+        t,
+        "{:<14}{} mm   form {:.4} mm rms",
+        "diameter",
+        text(r.diameter_mm, r.diameter_u95_mm),
+        r.form_rms_mm
+    );
+    if let (Some(e), Some(u)) = (r.eccentricity_mm, r.eccentricity_u95_mm) {
+        let _ = writeln!(t, "{:<14}{} mm", "eccentricity", text(e, u));
+        for c in &r.rod_centers {
+            let at = format!("rod at C {}°", c.c_deg);
+            let _ = writeln!(t, "{at:<14}{}", pair(c.center_mm, c.center_u95_mm));
+        }
+    }
+    let _ =
+        writeln!(t, "capture                     X          Y      C   edge   mean      rms (mm)");
+    for c in &r.captures {
+        let _ = writeln!(
+            t,
+            "{:<20} {:>10.4} {:>10.4} {:>6.1} {:>4.0} % {:>+9.5} {:>8.5}",
+            c.image,
+            c.x_mm,
+            c.y_mm,
+            c.c_deg,
+            100.0 * c.arc_used,
+            c.residual_mean_mm,
+            c.residual_rms_mm
+        );
+    }
+    t
+}

@@ -1,0 +1,50 @@
+//! Confusable effects: every library name that could stand in a named effect's place on this design.
+
+use crate::diagnose::fit::Fitter;
+use crate::diagnose::score::{Part, Who};
+use crate::diagnose::select::{Selection, without};
+
+/// A rival must fit this much worse to be ruled out: half of Δχ² = 9.2, odds of 100 to 1, nats.
+const RULED_OUT: f64 = 4.6;
+
+/// A name that fits as well.
+#[derive(Debug, Clone)]
+pub struct Rival {
+    /// Index of the effect.
+    pub effect: usize,
+    /// Index of the candidate in the library pool.
+    pub candidate: usize,
+    /// How much less likely than the named one, nats.
+    pub deficit: f64,
+}
+
+/// The rivals of each named effect, likeliest first.
+pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
+    let f = &selection.fitted;
+    (0..f.model.active.len())
+        .map(|i| {
+            let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
+            let Some(own) = own else { return Vec::new() };
+            let taken: Vec<usize> = f.model.active.iter().map(|a| a.effect).collect();
+            let mut best: Vec<Rival> = Vec::new();
+            for s in standing.scores(fitter, f, &selection.library) {
+                let Who::Effect(a) = &selection.library.candidates[s.candidate].who else {
+                    continue;
+                };
+                let deficit = own.evidence - s.evidence;
+                if taken.contains(&a.effect) || deficit > RULED_OUT {
+                    continue;
+                }
+                match best.iter_mut().find(|r| r.effect == a.effect) {
+                    Some(r) if r.deficit <= deficit => {}
+                    Some(r) => *r = Rival { effect: a.effect, candidate: s.candidate, deficit },
+                    None => {
+                        best.push(Rival { effect: a.effect, candidate: s.candidate, deficit });
+                    }
+                }
+            }
+            best.sort_by(|a, b| a.deficit.total_cmp(&b.deficit));
+            best
+        })
+        .collect()
+}

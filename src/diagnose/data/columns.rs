@@ -1,0 +1,321 @@
+//! `ballbar`, `thermal` and `burn` data: one or two values a row over plain columns.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use crate::diagnose::data::{angle_warning, known_effects, length_warning, need, sites};
+use crate::diagnose::effects::{Library, ballbar, burn, thermal};
+use crate::diagnose::experiment::{
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
+};
+use crate::diagnose::generic::range;
+use crate::error::Result;
+use crate::machine::Machine;
+use crate::table::Table;
+
+/// The columns of a file by name, with the head vector where the kind needs it.
+#[derive(Debug, Clone, Default)]
+pub struct Columns {
+    /// Numbers by column name.
+    pub numbers: BTreeMap<&'static str, Vec<f64>>,
+    /// Number of the path or axis of each row.
+    pub series: Vec<usize>,
+    /// Names of the paths or axes.
+    pub series_names: Vec<String>,
+    /// Rises of the head's sensors above the cold state, sensor by sensor.
+    pub head_c: Vec<Vec<f64>>,
+    /// From the B axis to the tool point at B = 0.
+    pub head: Vector3<f64>,
+}
+
+impl Columns {
+    /// A column, empty where it is missing.
+    pub fn get(&self, name: &str) -> &[f64] {
+        self.numbers.get(name).map_or(&[], Vec::as_slice)
+    }
+
+    /// Why an effect that needs these columns cannot be tested.
+    pub fn needs(&self, names: &[&str]) -> Option<String> {
+        let present: Vec<(&str, &[f64])> =
+            self.numbers.iter().map(|(k, v)| (*k, v.as_slice())).collect();
+        need(&present, names)
+    }
+
+    /// First and last time.
+    pub fn times_s(&self) -> (f64, f64) {
+        let t = self.get("t_s");
+        if t.is_empty() { (0.0, 0.0) } else { range(t) }
+    }
+}
+
+/// Prediction of one row's outputs: data, nuisances, row, the effects' errors.
+type Predict = fn(&Columns, &[f64], usize, Vector3<f64>) -> [f64; 2];
+
+/// An experiment over plain columns.
+pub struct ColumnsExperiment {
+    kind: &'static str,
+    outputs: &'static [&'static str],
+    data: Columns,
+    library: Library<Columns, Vector3<f64>>,
+    known: Vec<Active>,
+    layout: Layout,
+    nuisances: Vec<Parameter>,
+    predict: Predict,
+}
+
+impl ColumnsExperiment {
+    /// Reads burn test offsets: `height_mm,power_w,b_deg,dx_mm,dy_mm`, optional `t_s,temp_c`.
+    pub fn burn(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let table = Table::read(
+            path,
+            &["height_mm", "power_w", "b_deg"],
+            &["dx_mm", "dy_mm", "t_s", "temp_c"],
+        )?;
+        Self::burn_table(&table, machine, warnings)
+    }
+
+    /// As [`ColumnsExperiment::burn`], from a table.
+    pub fn burn_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
+        angle_warning("b_deg", data.get("b_deg"), warnings);
+        let library = burn::library(&data);
+        Self::new(
+            "burn",
+            &["dx_mm", "dy_mm"],
+            table,
+            data,
+            library,
+            Vec::new(),
+            machine,
+            |_, _, _, e| [e.x, e.y],
+            warnings,
+        )
+    }
+
+    /// Reads thermal errors: `t_s,axis,position_mm,error_mm,screw_c`, `head_1_c..`, optional `ambient_c`.
+    pub fn thermal(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let table = Table::read(
+            path,
+            &["t_s", "axis", "position_mm", "screw_c"],
+            &["error_mm", "head_*_c", "ambient_c"],
+        )?;
+        Self::thermal_table(&table, machine, warnings)
+    }
+
+    /// As [`ColumnsExperiment::thermal`], from a table.
+    pub fn thermal_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let mut data = read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
+        let sensors = table.names().iter().filter(|n| n.starts_with("head_")).count();
+        for k in 1..=sensors {
+            let name = format!("head_{k}_c");
+            let column = table.column(&name)?;
+            let t = data.get("t_s");
+            let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
+            // Rises above the cold state; columns that begin well above zero hold temperatures.
+            let cold = if column[first].abs() > 5.0 { column[first] } else { 0.0 };
+            data.head_c.push(column.iter().map(|v| v - cold).collect());
+        }
+        let library = thermal::library(&data);
+        let mut nuisances: Vec<Parameter> =
+            (1..=sensors).map(|k| Parameter::linear(format!("head_{k}_mm_per_c"), 1e-3)).collect();
+        for name in &data.series_names {
+            nuisances.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
+            nuisances.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
+        }
+        Self::new(
+            "thermal",
+            &["error_mm"],
+            table,
+            data,
+            library,
+            nuisances,
+            machine,
+            thermal::predict,
+            warnings,
+        )
+    }
+
+    /// Reads ball bar lengths: `b_deg,length_mm`, optional `z_mm,path,dir`.
+    pub fn ballbar(
+        path: impl AsRef<Path>,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let table =
+            Table::read(path, &["b_deg"], &["length_mm", "z_mm", "path", "dir", "t_s", "temp_c"])?;
+        Self::ballbar_table(&table, machine, warnings)
+    }
+
+    /// As [`ColumnsExperiment::ballbar`], from a table.
+    pub fn ballbar_table(
+        table: &Table,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let mut data = read(table, &["b_deg", "z_mm", "dir", "t_s", "temp_c"], "path")?;
+        angle_warning("b_deg", data.get("b_deg"), warnings);
+        data.head = machine.head_vector();
+        let measured = table.optional_column("length_mm")?.unwrap_or_default();
+        let nuisances = ballbar::prepare(&mut data, &measured, warnings);
+        let library = ballbar::library(&data);
+        Self::new(
+            "ballbar",
+            &["length_mm"],
+            table,
+            data,
+            library,
+            nuisances,
+            machine,
+            ballbar::predict,
+            warnings,
+        )
+    }
+
+    #[allow(clippy::too_many_arguments)]
+    fn new(
+        kind: &'static str,
+        outputs: &'static [&'static str],
+        table: &Table,
+        data: Columns,
+        library: Library<Columns, Vector3<f64>>,
+        nuisances: Vec<Parameter>,
+        machine: &Machine,
+        predict: Predict,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let rows = table.rows();
+        let mut measured = Vec::new();
+        for name in outputs {
+            let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);
+            if kind != "ballbar" {
+                length_warning(name, &column, warnings);
+            }
+            measured.push(column);
+        }
+        let known = known_effects(&library, machine, warnings)?;
+        let layout = layout(&data, outputs, &measured);
+        Ok(Self { kind, outputs, data, library, known, layout, nuisances, predict })
+    }
+}
+
+fn read(table: &Table, names: &[&'static str], series: &str) -> Result<Columns> {
+    let mut data = Columns::default();
+    for name in names {
+        if let Some(column) = table.optional_column(name)? {
+            data.numbers.insert(name, column);
+        }
+    }
+    for row in 0..table.rows() {
+        let name = table.text(row, series);
+        let known = data.series_names.iter().position(|n| n == name);
+        data.series.push(known.unwrap_or_else(|| {
+            data.series_names.push(name.to_owned());
+            data.series_names.len() - 1
+        }));
+    }
+    Ok(data)
+}
+
+fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> Layout {
+    let (rows, k) = (measured[0].len(), outputs.len());
+    let spread = |c: &[f64]| (0..rows * k).map(|i| c[i / k]).collect::<Vec<f64>>();
+    let mut variables: Vec<Variable> = data
+        .numbers
+        .iter()
+        .map(|(name, c)| Variable {
+            name,
+            values: spread(c),
+            angle: *name == "b_deg",
+            within: false,
+        })
+        .collect();
+    if let Some(first) = data.head_c.first() {
+        variables.push(Variable {
+            name: "head_1_c",
+            values: spread(first),
+            angle: false,
+            within: false,
+        });
+    }
+    let directions = outputs
+        .iter()
+        .enumerate()
+        .map(|(o, name)| Direction {
+            name,
+            factors: (0..rows * k).map(|i| f64::from(u8::from(i % k == o))).collect(),
+        })
+        .collect();
+    let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
+    let mut keys: Vec<&[f64]> = vec![&series];
+    // Time and temperature pass by; everything else makes the place.
+    keys.extend(
+        data.numbers
+            .iter()
+            .filter(|(n, _)| !["t_s", "temp_c", "screw_c", "ambient_c"].contains(n))
+            .map(|(_, c)| c.as_slice()),
+    );
+    let sites = if data.head_c.is_empty() { sites(&keys, rows) } else { (0..rows).collect() };
+    Layout {
+        values: (0..rows * k).map(|i| measured[i % k][i / k]).collect(),
+        groups: (0..rows * k).map(|i| i / k).collect(),
+        sites,
+        classes: (0..rows * k).map(|i| i % k).collect(),
+        directions,
+        variables,
+        random: Vec::new(),
+    }
+}
+
+impl Experiment for ColumnsExperiment {
+    fn kind(&self) -> &'static str {
+        self.kind
+    }
+
+    fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    fn nuisances(&self) -> &[Parameter] {
+        &self.nuisances
+    }
+
+    fn effects(&self) -> &[EffectInfo] {
+        &self.library.infos
+    }
+
+    fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64> {
+        let all = [self.known.as_slice(), active].concat();
+        let rows = self.data.series.len();
+        let errors = self.library.errors(&self.data, rows, &all);
+        let k = self.outputs.len();
+        errors
+            .iter()
+            .enumerate()
+            .flat_map(|(row, e)| (self.predict)(&self.data, nuisances, row, *e).into_iter().take(k))
+            .collect()
+    }
+
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
+        let k = self.outputs.len();
+        let column = |o: usize| predicted.iter().skip(o).step_by(k).copied().collect();
+        self.outputs.iter().enumerate().map(|(o, name)| (*name, column(o))).collect()
+    }
+}

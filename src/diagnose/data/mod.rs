@@ -1,0 +1,118 @@
+//! Reading the data, one file per kind: columns, captures, and what missing columns make untestable.
+
+pub mod columns;
+pub mod rod;
+pub mod rtcp;
+
+use std::collections::HashMap;
+
+use crate::diagnose::effects::Library;
+use crate::diagnose::experiment::Active;
+use crate::error::{Error, Result};
+use crate::machine::Machine;
+use crate::table::Table;
+
+/// Numbers rows that agree in all of `columns` (to a part in a million of each column's range) alike.
+pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
+    let steps: Vec<f64> = columns
+        .iter()
+        .map(|c| {
+            let (low, high) = crate::diagnose::generic::range(c);
+            ((high - low) * 1e-6).max(1e-9)
+        })
+        .collect();
+    let mut known: HashMap<Vec<i64>, usize> = HashMap::new();
+    (0..rows)
+        .map(|r| {
+            let key: Vec<i64> =
+                columns.iter().zip(&steps).map(|(c, s)| (c[r] / s).round() as i64).collect();
+            let next = known.len();
+            *known.entry(key).or_insert(next)
+        })
+        .collect()
+}
+
+/// Whether a column is there and varies; otherwise why an effect that needs it cannot be tested.
+pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<String> {
+    names.iter().find_map(|name| match present.iter().find(|(n, _)| n == name) {
+        Some((_, values)) if !values.is_empty() => {
+            let (low, high) = crate::diagnose::generic::range(values);
+            (high - low <= 1e-9 * (1.0 + high.abs()))
+                .then(|| format!("column '{name}' never changes"))
+        }
+        _ => Some(format!("column '{name}' is missing")),
+    })
+}
+
+/// Directions must be -1, 0 or 1.
+pub fn check_direction(table: &Table, name: &str, values: &[f64]) -> Result<()> {
+    match values.iter().position(|v| ![-1.0, 0.0, 1.0].contains(v)) {
+        None => Ok(()),
+        Some(row) => Err(table.error(
+            row,
+            name,
+            format!("is {}, not a direction", values[row]),
+            "write 1 where the axis came up to its place, -1 where it came down, 0 where it did not move",
+        )),
+    }
+}
+
+/// An angle column in degrees: says so where the numbers look like radians.
+pub fn angle_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
+    let (low, high) = crate::diagnose::generic::range(values);
+    let largest = low.abs().max(high.abs());
+    let whole = values.iter().all(|v| (v * 4.0 - (v * 4.0).round()).abs() < 1e-9);
+    if largest > 0.0 && largest < 6.5 && !whole {
+        warnings.push(format!(
+            "column '{name}' stays within ±{largest:.3}: if it is in radians, turn it into degrees"
+        ));
+    }
+}
+
+/// Errors in mm: says so where the numbers look like metres or micrometres.
+pub fn length_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
+    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    if largest > 0.0 && largest < 1e-4 {
+        warnings.push(format!(
+            "column '{name}' stays within ±{largest:.1e}: if it is in metres, turn it into millimetres"
+        ));
+    } else if largest > 5.0 {
+        warnings.push(format!(
+            "column '{name}' reaches {largest:.1}: if it is in micrometres, turn it into millimetres"
+        ));
+    }
+}
+
+/// The effects that the model file already has, as far as this kind of data knows them.
+pub fn known_effects<C, E: Clone + Default>(
+    library: &Library<C, E>,
+    machine: &Machine,
+    warnings: &mut Vec<String>,
+) -> Result<Vec<Active>> {
+    let mut known = Vec::new();
+    for effect in &machine.effects {
+        if !library.infos.iter().any(|i| i.name == effect.name) {
+            warnings.push(format!(
+                "the model's effect '{}' does not touch this kind of data",
+                effect.name
+            ));
+            continue;
+        }
+        let active = library.resolve(&effect.name, &effect.parameters).map_err(|reason| {
+            Error::option(
+                format!("--model: effects '{}'", effect.name),
+                reason,
+                "correct its parameters",
+            )
+        })?;
+        if let Some(why) = &library.infos[active.effect].untestable {
+            warnings.push(format!(
+                "the model's effect '{}' cannot be predicted here: {why}",
+                effect.name
+            ));
+            continue;
+        }
+        known.push(active);
+    }
+    Ok(known)
+}

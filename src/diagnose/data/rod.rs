@@ -1,0 +1,367 @@
+//! `rod` data: edge points of a check rod in pixels, capture by capture.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use nalgebra::Vector2;
+
+use crate::camera::{Calibration, View};
+use crate::diagnose::data::{angle_warning, check_direction, known_effects, need, sites};
+use crate::diagnose::effects::Library;
+use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
+use crate::diagnose::experiment::{
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
+};
+use crate::error::{Error, Result};
+use crate::machine::Machine;
+use crate::table::Table;
+
+/// The captures and their edge points.
+#[derive(Debug, Clone)]
+pub struct Rod {
+    view: View,
+    lens: bool,
+    /// Unit vectors of the picture's axes on the plane: along u, against v.
+    axes: [Vector2<f64>; 2],
+    /// Machine place of each capture.
+    pub place: Vec<Vector2<f64>>,
+    /// C of each capture with its sense; empty where missing, like the other optional columns.
+    pub c_rad: Vec<f64>,
+    /// Time.
+    pub t_s: Vec<f64>,
+    /// Temperature.
+    pub temp_c: Vec<f64>,
+    /// Direction from which X came.
+    pub dir_x: Vec<f64>,
+    /// Direction from which Y came.
+    pub dir_y: Vec<f64>,
+    /// Capture of each point.
+    capture: Vec<usize>,
+    /// Where the edge points lie in the machine frame by the calibration.
+    points: Vec<Vector2<f64>>,
+    /// Where the rod is looked at from: a fixed point near its centre.
+    pole: Vector2<f64>,
+}
+
+impl Rod {
+    /// Whether the calibration has a lens to be wrong.
+    pub fn has_lens(&self) -> bool {
+        self.lens
+    }
+
+    /// Why an effect that needs these columns cannot be tested.
+    pub fn needs(&self, names: &[&str]) -> Option<String> {
+        let x: Vec<f64> = self.place.iter().map(|p| p.x).collect();
+        let y: Vec<f64> = self.place.iter().map(|p| p.y).collect();
+        let present: [(&str, &[f64]); 7] = [
+            ("x_mm", &x),
+            ("y_mm", &y),
+            ("c_deg", &self.c_rad),
+            ("t_s", &self.t_s),
+            ("temp_c", &self.temp_c),
+            ("dir_x", &self.dir_x),
+            ("dir_y", &self.dir_y),
+        ];
+        need(&present, names)
+    }
+
+    /// Travel of one machine axis over the captures.
+    pub fn travel_mm(&self, axis: usize) -> f64 {
+        let values: Vec<f64> = self.place.iter().map(|p| p[axis]).collect();
+        let (low, high) = crate::diagnose::generic::range(&values);
+        high - low
+    }
+
+    /// First time.
+    pub fn start_s(&self) -> f64 {
+        self.t_s.iter().copied().fold(f64::INFINITY, f64::min)
+    }
+
+    /// Length of the run, s.
+    pub fn duration_s(&self) -> f64 {
+        let end = self.t_s.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        if self.t_s.is_empty() { 0.0 } else { end - self.start_s() }
+    }
+
+    /// What the camera reports too much at plane offset `w`, where the edge's outward normal is `n`.
+    fn camera_shift(&self, c: &CameraError, w: Vector2<f64>, n: Vector2<f64>) -> Vector2<f64> {
+        let [eu, ev] = self.axes;
+        let own = Vector2::new(eu.dot(&w), ev.dot(&w));
+        let linear = |row: usize| c.linear[row][0] * own.x + c.linear[row][1] * own.y;
+        let perspective = c.tilt[0] * own.x + c.tilt[1] * own.y;
+        let light = c.light[0] * own.x + c.light[1] * own.y;
+        let mut shift = eu * linear(0) + ev * linear(1) + w * perspective + n * light;
+        if c.lens != [0.0; 4] {
+            shift += self.view.lens_shift_mm(w, c.lens);
+        }
+        shift
+    }
+
+    /// Distance from the pole at which the edge should be seen, in the direction of point `i`.
+    fn predicted(&self, i: usize, centre: Vector2<f64>, radius: f64, e: &CaptureError) -> f64 {
+        let g = self.capture[i];
+        let c = self.c_rad.get(g).copied().unwrap_or(0.0);
+        let seen = self.points[i] - self.pole;
+        let wanted = seen.y.atan2(seen.x);
+        let (mut angle, mut found) = (wanted, radius);
+        // The point of the real edge that is seen in this direction: each round leaves a thousandth of the error.
+        for _ in 0..3 {
+            let n = Vector2::new(angle.cos(), angle.sin());
+            let lobes: f64 = e
+                .lobes
+                .iter()
+                .map(|(k, a, b)| {
+                    let (s, co) = (k * (angle - c)).sin_cos();
+                    a * co + b * s
+                })
+                .sum();
+            let edge = centre + e.centre + n * (radius + e.radius + lobes);
+            let w = edge - self.place[g] - e.place;
+            let at = edge - e.place + self.camera_shift(&e.camera, w, n) - self.pole;
+            found = at.norm();
+            let miss = at.y.atan2(at.x) - wanted;
+            angle -= (miss + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+                - std::f64::consts::PI;
+        }
+        found
+    }
+}
+
+/// A `rod` experiment.
+pub struct RodExperiment {
+    data: Rod,
+    library: Library<Rod, CaptureError>,
+    known: Vec<Active>,
+    layout: Layout,
+    nuisances: Vec<Parameter>,
+}
+
+impl RodExperiment {
+    /// Reads the `--points` file of `pivotsight rod`.
+    pub fn read(
+        path: impl AsRef<Path>,
+        calibration: &Calibration,
+        machine: Option<&Machine>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let required = ["capture", "x_mm", "y_mm", "u_px", "v_px"];
+        let optional = ["c_deg", "t_s", "temp_c", "dir_x", "dir_y"];
+        let table = Table::read(path, &required, &optional)?;
+        Self::from_table(&table, calibration, machine, warnings)
+    }
+
+    /// As [`RodExperiment::read`], from a table.
+    pub fn from_table(
+        table: &Table,
+        calibration: &Calibration,
+        machine: Option<&Machine>,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let mut index: HashMap<String, usize> = HashMap::new();
+        let mut first_rows = Vec::new();
+        let capture: Vec<usize> = (0..table.rows())
+            .map(|r| {
+                let next = index.len();
+                *index.entry(table.text(r, "capture").to_owned()).or_insert_with(|| {
+                    first_rows.push(r);
+                    next
+                })
+            })
+            .collect();
+        let per_capture = |name: &str| -> Result<Vec<f64>> {
+            let Some(all) = table.optional_column(name)? else { return Ok(Vec::new()) };
+            if let Some(r) =
+                (0..all.len()).find(|&r| (all[r] - all[first_rows[capture[r]]]).abs() > 1e-9)
+            {
+                let capture = table.text(r, "capture");
+                return Err(table.error(
+                    r,
+                    name,
+                    format!("differs within capture '{capture}'"),
+                    "give every row of a capture the same value",
+                ));
+            }
+            Ok(first_rows.iter().map(|&r| all[r]).collect())
+        };
+        let (x, y) = (per_capture("x_mm")?, per_capture("y_mm")?);
+        let c_deg = per_capture("c_deg")?;
+        angle_warning("c_deg", &c_deg, warnings);
+        let (dir_x, dir_y) = (per_capture("dir_x")?, per_capture("dir_y")?);
+        for (name, column) in [("dir_x", &dir_x), ("dir_y", &dir_y)] {
+            if !column.is_empty() {
+                check_direction(table, name, &table.column(name)?)?;
+            }
+        }
+        let (u, v) = (table.column("u_px")?, table.column("v_px")?);
+        let lens = calibration.lens_size().is_some();
+        let (width, height) = calibration.lens_size().unwrap_or_else(|| {
+            // A plain scale turns about the frame's middle, which only shifts the rod's centre.
+            let (low_u, high_u) = crate::diagnose::generic::range(&u);
+            let (low_v, high_v) = crate::diagnose::generic::range(&v);
+            ((low_u + high_u).max(1.0) as usize + 1, (low_v + high_v).max(1.0) as usize + 1)
+        });
+        let view = calibration.view(width, height)?;
+        let sense = machine.map_or(1.0, |m| f64::from(m.c_sense));
+        let place: Vec<Vector2<f64>> =
+            x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect();
+        let points: Vec<Vector2<f64>> = (0..table.rows())
+            .map(|r| place[capture[r]] + view.to_plane(Vector2::new(u[r], v[r])))
+            .collect();
+        let (pole, radius) = circle(&points).ok_or_else(|| {
+            Error::file(table.path(), "its points lie on no circle", "check x_mm, y_mm, u_px, v_px")
+        })?;
+        let jacobian = view.mm_per_px(view.axis_px());
+        let eu = jacobian.column(0).normalize();
+        let ev = Vector2::new(-eu.y, eu.x);
+        let data = Rod {
+            lens,
+            axes: [eu, ev],
+            c_rad: c_deg.iter().map(|c| sense * c.to_radians()).collect(),
+            t_s: per_capture("t_s")?,
+            temp_c: per_capture("temp_c")?,
+            place,
+            dir_x,
+            dir_y,
+            capture,
+            points,
+            pole,
+            view,
+        };
+        let values: Vec<f64> = data.points.iter().map(|p| (p - pole).norm()).collect();
+        let spread = values.iter().map(|v| (v - radius).powi(2)).sum::<f64>() / values.len() as f64;
+        if spread.sqrt() > 0.1 * radius {
+            warnings.push(format!(
+                "the points scatter by {:.3} mm about a circle of {radius:.3} mm: check that x_mm, y_mm are in \
+                 millimetres and have the sign of the machine",
+                spread.sqrt()
+            ));
+        }
+        let layout = layout(&data, values, &c_deg);
+        let library = library(&data);
+        let known = match machine {
+            Some(machine) => known_effects(&library, machine, warnings)?,
+            None => Vec::new(),
+        };
+        let nuisance =
+            |name: &'static str, start: f64| Parameter { start, ..Parameter::linear(name, 0.01) };
+        let nuisances = vec![
+            nuisance("centre_x_mm", pole.x),
+            nuisance("centre_y_mm", pole.y),
+            nuisance("radius_mm", radius),
+        ];
+        Ok(Self { data, library, known, layout, nuisances })
+    }
+}
+
+/// Algebraic circle through points (Kåsa): centre and radius.
+fn circle(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, f64)> {
+    let n = points.len() as f64;
+    let mean = points.iter().sum::<Vector2<f64>>() / n;
+    let (mut m, mut rhs) = (nalgebra::Matrix2::zeros(), Vector2::zeros());
+    for p in points {
+        let d = p - mean;
+        m += d * d.transpose();
+        rhs += d * (0.5 * d.norm_squared());
+    }
+    let centre = m.try_inverse()? * rhs;
+    let radius2 = points.iter().map(|p| (p - mean - centre).norm_squared()).sum::<f64>() / n;
+    Some((mean + centre, radius2.sqrt()))
+}
+
+fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
+    let points = values.len();
+    let normals: Vec<Vector2<f64>> =
+        data.points.iter().map(|p| (p - data.pole).normalize()).collect();
+    let angles: Vec<f64> = normals.iter().map(|n| n.y.atan2(n.x)).collect();
+    let spread = |c: &[f64]| data.capture.iter().map(|&g| c[g]).collect::<Vec<f64>>();
+    let mut variables = Vec::new();
+    let mut add = |name: &'static str, values: Vec<f64>, angle: bool, within: bool| {
+        variables.push(Variable { name, values, angle, within });
+    };
+    let (x, y): (Vec<f64>, Vec<f64>) = data.place.iter().map(|p| (p.x, p.y)).unzip();
+    add("x_mm", spread(&x), false, false);
+    add("y_mm", spread(&y), false, false);
+    for (name, column, angle) in [
+        ("c_deg", c_deg, true),
+        ("t_s", &data.t_s, false),
+        ("temp_c", &data.temp_c, false),
+        ("dir_x", &data.dir_x, false),
+        ("dir_y", &data.dir_y, false),
+    ] {
+        if !column.is_empty() {
+            add(name, spread(column), angle, false);
+        }
+    }
+    let degrees = |a: f64| a.to_degrees().rem_euclid(360.0);
+    add("edge_angle_deg", angles.iter().map(|a| degrees(*a)).collect(), true, true);
+    if !c_deg.is_empty() {
+        let own = |i: usize| degrees(angles[i] - data.c_rad[data.capture[i]]);
+        add("rod_angle_deg", (0..points).map(own).collect(), true, true);
+    }
+    let offset = |i: usize| data.points[i] - data.place[data.capture[i]];
+    let [eu, ev] = data.axes;
+    add("frame_u_mm", (0..points).map(|i| eu.dot(&offset(i))).collect(), false, true);
+    add("frame_v_mm", (0..points).map(|i| ev.dot(&offset(i))).collect(), false, true);
+    add("frame_radius_mm", (0..points).map(|i| offset(i).norm()).collect(), false, true);
+    let column = |f: &dyn Fn(f64) -> f64| angles.iter().map(|a| f(*a)).collect::<Vec<f64>>();
+    let directions = vec![
+        Direction { name: "x", factors: normals.iter().map(|n| n.x).collect() },
+        Direction { name: "y", factors: normals.iter().map(|n| n.y).collect() },
+        Direction { name: "radius", factors: vec![1.0; points] },
+    ];
+    let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
+    let random = vec![wave(1.0), vec![vec![1.0; points]], wave(2.0), wave(3.0)];
+    let mut keys: Vec<&[f64]> = vec![&x, &y];
+    for column in [c_deg, &data.dir_x, &data.dir_y] {
+        if !column.is_empty() {
+            keys.push(column);
+        }
+    }
+    Layout {
+        sites: sites(&keys, data.place.len()),
+        groups: data.capture.clone(),
+        classes: vec![0; points],
+        values,
+        directions,
+        variables,
+        random,
+    }
+}
+
+impl Experiment for RodExperiment {
+    fn kind(&self) -> &'static str {
+        "rod"
+    }
+
+    fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    fn nuisances(&self) -> &[Parameter] {
+        &self.nuisances
+    }
+
+    fn effects(&self) -> &[EffectInfo] {
+        &self.library.infos
+    }
+
+    fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64> {
+        let captures = self.data.place.len();
+        let all = [self.known.as_slice(), active].concat();
+        let errors = self.library.errors(&self.data, captures, &all);
+        let centre = Vector2::new(nuisances[0], nuisances[1]);
+        (0..self.data.points.len())
+            .map(|i| self.data.predicted(i, centre, nuisances[2], &errors[self.data.capture[i]]))
+            .collect()
+    }
+
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
+        let d = &self.data;
+        let pixels = predicted.iter().enumerate().map(|(i, distance)| {
+            let direction = (d.points[i] - d.pole).normalize();
+            d.view.to_pixel(d.pole + direction * *distance - d.place[d.capture[i]])
+        });
+        let (u, v): (Vec<f64>, Vec<f64>) = pixels.map(|p| (p.x, p.y)).unzip();
+        vec![("u_px", u), ("v_px", v)]
+    }
+}

@@ -1,0 +1,173 @@
+//! Effects in burn tests: `offset = spot - ring` over the height difference, power, B, time.
+
+use nalgebra::Vector3;
+
+use crate::diagnose::data::columns::Columns;
+use crate::diagnose::effects::{Library, Words};
+use crate::diagnose::experiment::Parameter;
+
+type L = Library<Columns, Vector3<f64>>;
+
+/// Adds parameters times a function of a row's columns to an output each.
+fn along(
+    l: &mut L,
+    names: [&'static str; 2],
+    typical: f64,
+    axes: &'static [usize],
+    f: impl Fn(&Columns, usize) -> f64 + Send + Sync + 'static,
+) {
+    let parameters = axes.iter().map(|a| Parameter::linear(names[*a], typical)).collect();
+    l.form(parameters, move |data, p, errors| {
+        for (row, e) in errors.iter_mut().enumerate() {
+            let size = f(data, row);
+            axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
+        }
+    });
+}
+
+/// The library, with what `data` cannot test marked.
+pub fn library(data: &Columns) -> L {
+    let mut l = L::default();
+    let words = |name, meaning, evidence, best, varies_with| Words {
+        name,
+        meaning,
+        evidence,
+        best,
+        varies_with,
+    };
+    let heights = "heights from the least to the greatest at one power";
+    let height = data.needs(&["height_mm"]);
+    l.effect(
+        words(
+            "beam-tilt-x",
+            "the beam leans in X: turn B",
+            "dx against height",
+            heights,
+            &["height_mm"],
+        ),
+        height.clone(),
+    );
+    l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
+        errors
+            .iter_mut()
+            .zip(data.get("height_mm"))
+            .for_each(|(e, h)| e.x += h * p[0].to_radians().tan());
+    });
+    l.effect(
+        words(
+            "beam-tilt-y",
+            "the beam leans in Y: shim the flange",
+            "dy against height",
+            heights,
+            &["height_mm"],
+        ),
+        height.clone(),
+    );
+    l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
+        errors
+            .iter_mut()
+            .zip(data.get("height_mm"))
+            .for_each(|(e, h)| e.y += h * p[0].to_radians().tan());
+    });
+    const ALL: [&[usize]; 3] = [&[0, 1], &[0], &[1]];
+    l.effect(
+        words(
+            "nozzle-offset",
+            "ring and spot lie apart by the same at every height",
+            "mean of dx and dy",
+            heights,
+            &[],
+        ),
+        None,
+    );
+    for axes in ALL {
+        along(&mut l, ["x_mm", "y_mm"], 0.01, axes, |_, _| 1.0);
+    }
+    let swings = data.needs(&["b_deg"]);
+    l.effect(
+        words(
+            "head-sag",
+            "the head bends under its weight as it swings",
+            "dx against sin B",
+            "burns on a tilted plate over all B",
+            &["b_deg"],
+        ),
+        swings,
+    );
+    let sin = |data: &Columns, row: usize| data.get("b_deg")[row].to_radians().sin();
+    along(&mut l, ["side_mm", ""], 0.01, &[0], sin);
+    l.form(vec![Parameter::linear("angle_deg", 0.01)], move |data, p, errors| {
+        for (row, e) in errors.iter_mut().enumerate() {
+            e.x += data.get("height_mm")[row] * p[0].to_radians() * sin(data, row);
+        }
+    });
+    along(&mut l, ["level_mm", ""], 0.01, &[0], |data, row| {
+        1.0 - data.get("b_deg")[row].to_radians().cos()
+    });
+    along(&mut l, ["both_ways_mm", ""], 0.01, &[0], move |data, row| sin(data, row).abs());
+    let (start, end) = data.times_s();
+    l.effect(
+        words(
+            "pointing-drift",
+            "the beam wanders as time goes by",
+            "dx and dy against time",
+            "the same burn repeated through the run",
+            &["t_s"],
+        ),
+        data.needs(&["t_s"]),
+    );
+    for axes in ALL {
+        along(&mut l, ["x_mm_per_h", "y_mm_per_h"], 0.01, axes, move |data, row| {
+            (data.get("t_s")[row] - start) / 3600.0
+        });
+    }
+    let rises: Vec<f64> = [0.1, 0.25, 0.6].iter().map(|f| f * (end - start)).collect();
+    for axes in ALL {
+        let mut parameters: Vec<Parameter> =
+            axes.iter().map(|a| Parameter::linear(["x_mm", "y_mm"][*a], 0.01)).collect();
+        parameters.push(Parameter::shape("rise_s", &rises));
+        l.form(parameters, move |data, p, errors| {
+            let rise = p[axes.len()].abs().max(1e-3);
+            for (e, t) in errors.iter_mut().zip(data.get("t_s")) {
+                let size = 1.0 - (-(t - start) / rise).exp();
+                axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
+            }
+        });
+    }
+    l.effect(
+        words(
+            "thermal-lens",
+            "the optics bend the beam with power",
+            "dx and dy against power",
+            "powers from the least to the greatest at one height",
+            &["power_w"],
+        ),
+        data.needs(&["power_w"]),
+    );
+    for axes in ALL {
+        along(&mut l, ["x_mm_per_kw", "y_mm_per_kw"], 0.01, axes, |data, row| {
+            data.get("power_w")[row] / 1000.0
+        });
+    }
+    for axes in ALL {
+        along(&mut l, ["x_mm_per_kw_m", "y_mm_per_kw_m"], 0.1, axes, |data, row| {
+            data.get("power_w")[row] / 1000.0 * data.get("height_mm")[row] / 1000.0
+        });
+    }
+    l.effect(
+        words(
+            "camera-tilt",
+            "the camera looks at the plate at an angle: a larger ring is seen further off",
+            "dx and dy against the square of the height, as the ring grows with it",
+            heights,
+            &["height_mm"],
+        ),
+        height,
+    );
+    for axes in ALL {
+        along(&mut l, ["x_per_m", "y_per_m"], 0.01, axes, |data, row| {
+            1e-3 * data.get("height_mm")[row].powi(2)
+        });
+    }
+    l
+}

@@ -1,0 +1,132 @@
+//! The effects the diagnosis knows by name, one file per kind of data.
+
+pub mod ballbar;
+pub mod burn;
+pub mod rod;
+mod rod_slow;
+pub mod rtcp;
+mod rtcp_slow;
+pub mod thermal;
+
+use std::collections::BTreeMap;
+
+use crate::diagnose::experiment::{Active, EffectInfo, Parameter};
+
+/// Adds an effect with these parameters to the errors of every row. `C` is the data, `E` the errors of one row.
+type Apply<C, E> = Box<dyn Fn(&C, &[f64], &mut [E]) + Send + Sync>;
+
+/// The library of one kind of data: what each effect is called, and what it does.
+pub struct Library<C, E> {
+    /// Names, meanings, forms.
+    pub infos: Vec<EffectInfo>,
+    apply: Vec<Vec<Apply<C, E>>>,
+}
+
+/// The words that go with an effect.
+pub struct Words {
+    /// The contract's name.
+    pub name: &'static str,
+    /// What is wrong with the machine.
+    pub meaning: &'static str,
+    /// Where the evidence is strongest.
+    pub evidence: &'static str,
+    /// What shows it best.
+    pub best: &'static str,
+    /// Variables its size may depend on beyond the library's forms.
+    pub varies_with: &'static [&'static str],
+}
+
+impl<C, E> Default for Library<C, E> {
+    fn default() -> Self {
+        Self { infos: Vec::new(), apply: Vec::new() }
+    }
+}
+
+impl<C, E: Clone + Default> Library<C, E> {
+    /// Starts a new effect; its forms follow.
+    pub fn effect(&mut self, words: Words, untestable: Option<String>) -> &mut Self {
+        self.infos.push(EffectInfo {
+            name: words.name.into(),
+            meaning: words.meaning.into(),
+            evidence: words.evidence.into(),
+            best: words.best.into(),
+            forms: Vec::new(),
+            varies_with: words.varies_with,
+            untestable,
+        });
+        self.apply.push(Vec::new());
+        self
+    }
+
+    /// Adds a form to the effect started last.
+    pub fn form(
+        &mut self,
+        parameters: Vec<Parameter>,
+        apply: impl Fn(&C, &[f64], &mut [E]) + Send + Sync + 'static,
+    ) -> &mut Self {
+        if let (Some(info), Some(list)) = (self.infos.last_mut(), self.apply.last_mut()) {
+            info.forms.push(parameters);
+            list.push(Box::new(apply));
+        }
+        self
+    }
+
+    /// The errors of every row with these effects in the machine.
+    pub fn errors(&self, data: &C, rows: usize, active: &[Active]) -> Vec<E> {
+        let mut errors = vec![E::default(); rows];
+        for a in active {
+            (self.apply[a.effect][a.form])(data, &a.values, &mut errors);
+        }
+        errors
+    }
+
+    /// Finds the effect and form that a model file's entry means: the form whose parameters have the same names
+    /// (a switch may be left out where no other form has the remaining names).
+    pub fn resolve(
+        &self,
+        name: &str,
+        parameters: &BTreeMap<String, f64>,
+    ) -> Result<Active, String> {
+        let Some(effect) = self.infos.iter().position(|i| i.name == name) else {
+            return Err(format!("is not an effect of this kind of data: {name}"));
+        };
+        for (form, list) in self.infos[effect].forms.iter().enumerate() {
+            let same = list.len() == parameters.len()
+                && list.iter().all(|p| {
+                    parameters.get(p.name.as_ref()).is_some_and(|v| !p.is_switch() || *v == p.start)
+                });
+            if same {
+                let values = list.iter().map(|p| parameters[p.name.as_ref()]).collect();
+                return Ok(Active { effect, form, values });
+            }
+        }
+        let known: Vec<String> = self.infos[effect]
+            .forms
+            .iter()
+            .map(|f| f.iter().map(|p| p.name.as_ref()).collect::<Vec<_>>().join(", "))
+            .collect();
+        Err(format!("{name} takes one of these sets of parameters: {}", known.join(" | ")))
+    }
+}
+
+/// A first-order lag of `values` over `times_s`, starting in balance with the first value: the exact solution for values that
+/// change linearly between readings. Rows may be in any order.
+pub fn lagged(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    let mut out = vec![0.0; values.len()];
+    let Some(&first) = order.first() else { return out };
+    let (mut t, mut v, mut y) = (times_s[first], values[first], values[first]);
+    for &i in &order {
+        let dt = times_s[i] - t;
+        if dt > 0.0 {
+            let slope = (values[i] - v) / dt;
+            let decay = (-dt / lag_s).exp();
+            // Response of a first-order lag to a ramp from v.
+            y = values[i] - slope * lag_s + (y - v + slope * lag_s) * decay;
+            (t, v) = (times_s[i], values[i]);
+        }
+        out[i] = y;
+    }
+    out
+}

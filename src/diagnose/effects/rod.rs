@@ -1,0 +1,393 @@
+//! Effects in the edge points of a check rod, seen over capture XY, C, direction, time and temperature.
+//!
+//! The real head stands at `(X, Y) + place`, the rod's centre at `centre + centre_shift`, its radius at angle φ is
+//! `D/2 + radius(φ)`; a point seen at plane offset w is reported at `w + camera(w)`. Everything is evaluated at the
+//! *predicted* point, never at the measured one.
+
+use nalgebra::Vector2;
+
+use crate::diagnose::data::rod::Rod;
+use crate::diagnose::effects::{Library, Words, rod_slow};
+use crate::diagnose::experiment::Parameter;
+
+/// Errors of one capture.
+#[derive(Debug, Clone, Default)]
+pub struct CaptureError {
+    /// Machine place reached, less commanded.
+    pub place: Vector2<f64>,
+    /// Shift of the rod's centre.
+    pub centre: Vector2<f64>,
+    /// Growth of the radius.
+    pub radius: f64,
+    /// Lobes: (order, cosine, sine), turning with C.
+    pub lobes: Vec<(f64, f64, f64)>,
+    /// What the camera gets wrong.
+    pub camera: CameraError,
+}
+
+/// The camera's errors: a linear map of the plane offset, perspective, lens, and the light.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct CameraError {
+    /// Rows of the linear map, in the picture's own axes (along u, against v).
+    pub linear: [[f64; 2]; 2],
+    /// Perspective, per mm.
+    pub tilt: [f64; 2],
+    /// k1, k2, p1, p2 beyond the calibration.
+    pub lens: [f64; 4],
+    /// Edge shift outwards per mm along u and against v.
+    pub light: [f64; 2],
+}
+
+pub(super) type L = Library<Rod, CaptureError>;
+
+pub(super) const SIZE: f64 = 1e-3;
+
+pub(super) fn words(
+    name: &'static str,
+    meaning: &'static str,
+    evidence: &'static str,
+    best: &'static str,
+) -> Words {
+    Words { name, meaning, evidence, best, varies_with: &[] }
+}
+
+/// The library, with what `data` cannot test marked.
+pub fn library(data: &Rod) -> L {
+    let mut l = L::default();
+    camera_effects(&mut l, data);
+    axis_effects(&mut l, data);
+    rod_effects(&mut l, data);
+    rod_slow::time_effects(&mut l, data);
+    l
+}
+
+fn camera(
+    l: &mut L,
+    names: &[&'static str],
+    typical: f64,
+    set: impl Fn(&mut CameraError, &[f64]) + Send + Sync + 'static,
+) {
+    let parameters = names.iter().map(|n| Parameter::linear(*n, typical)).collect();
+    l.form(parameters, move |_, p, errors| errors.iter_mut().for_each(|e| set(&mut e.camera, p)));
+}
+
+fn camera_effects(l: &mut L, data: &Rod) {
+    let off = "the rod in all corners of the frame, with a certified diameter";
+    l.effect(
+        words(
+            "pixel-scale",
+            "a pixel is larger than the calibration says",
+            "the rod's apparent place against its place in the frame",
+            off,
+        ),
+        None,
+    );
+    camera(l, &["um_per_m"], 300.0, |c, p| {
+        c.linear[0][0] += p[0] * 1e-6;
+        c.linear[1][1] += p[0] * 1e-6;
+    });
+    l.effect(
+        words(
+            "pixel-aspect",
+            "pixels are not square",
+            "twice round the edge, fixed to the camera",
+            off,
+        ),
+        None,
+    );
+    camera(l, &["v_um_per_m"], 300.0, |c, p| c.linear[1][1] += p[0] * 1e-6);
+    camera(l, &["um_per_m"], 300.0, |c, p| {
+        c.linear[0][0] += 0.5e-6 * p[0];
+        c.linear[1][1] -= 0.5e-6 * p[0];
+    });
+    camera(l, &["u_um_per_m"], 300.0, |c, p| c.linear[0][0] += p[0] * 1e-6);
+    l.effect(
+        words(
+            "camera-rotation",
+            "the camera is turned about its axis",
+            "the rod's apparent place across its place in the frame",
+            off,
+        ),
+        None,
+    );
+    camera(l, &["angle_deg"], 0.02, |c, p| {
+        let a = p[0].to_radians();
+        c.linear[0][1] -= a;
+        c.linear[1][0] += a;
+    });
+    l.effect(
+        words(
+            "camera-shear",
+            "the picture's rows and columns are not square to each other",
+            "twice round the edge at 45 degrees",
+            off,
+        ),
+        None,
+    );
+    camera(l, &["um_per_m"], 300.0, |c, p| c.linear[0][1] += p[0] * 1e-6);
+    camera(l, &["both_um_per_m"], 300.0, |c, p| {
+        c.linear[0][1] += 0.5e-6 * p[0];
+        c.linear[1][0] += 0.5e-6 * p[0];
+    });
+    camera(l, &["rows_um_per_m"], 300.0, |c, p| c.linear[1][0] += p[0] * 1e-6);
+    l.effect(
+        words(
+            "camera-tilt",
+            "the camera looks at the plane at an angle (perspective)",
+            "scale that changes over the frame",
+            off,
+        ),
+        None,
+    );
+    camera(l, &["u_per_m", "v_per_m"], 0.1, |c, p| {
+        c.tilt[0] += p[0] * 1e-3;
+        c.tilt[1] += p[1] * 1e-3;
+    });
+    let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".to_owned());
+    let wide = "the rod's edge out to the frame's corners";
+    let lens_words = |l: &mut L, name, meaning, varies_with: &'static [&'static str]| {
+        l.effect(
+            Words {
+                name,
+                meaning,
+                evidence: "towards the frame's corners",
+                best: wide,
+                varies_with,
+            },
+            lens.clone(),
+        );
+    };
+    lens_words(
+        l,
+        "lens-radial",
+        "the lens bends lines more than the calibration says (k1)",
+        &["frame_radius_mm"],
+    );
+    camera(l, &["k1"], 0.01, |c, p| c.lens[0] += p[0]);
+    lens_words(
+        l,
+        "lens-radial-5",
+        "the lens' fifth-order distortion is off (k2)",
+        &["frame_radius_mm"],
+    );
+    camera(l, &["k2"], 0.1, |c, p| c.lens[1] += p[0]);
+    lens_words(
+        l,
+        "lens-decentring",
+        "the lens' elements are off their axis (p1, p2)",
+        &["frame_radius_mm"],
+    );
+    camera(l, &["p1", "p2"], 1e-3, |c, p| {
+        c.lens[2] += p[0];
+        c.lens[3] += p[1];
+    });
+    l.effect(
+        words(
+            "edge-bias-light",
+            "the edge is seen further out where the light is stronger",
+            "the apparent radius against the place in the frame",
+            "the lamp turned by 180 degrees",
+        ),
+        None,
+    );
+    camera(l, &["u_um_per_mm", "v_um_per_mm"], 0.1, |c, p| {
+        c.light[0] += p[0] * 1e-3;
+        c.light[1] += p[1] * 1e-3;
+    });
+    l.effect(
+        words(
+            "shutter-skew",
+            "rows are exposed one after another while the axis still moves",
+            "a shear that changes sign with the direction of travel",
+            "each place approached from both sides; a longer wait",
+        ),
+        data.needs(&["dir_x"]).filter(|_| data.needs(&["dir_y"]).is_some()),
+    );
+    for axes in [[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]] {
+        let name = match axes {
+            [_, 0.0] => "x_um_per_mm",
+            [0.0, _] => "y_um_per_mm",
+            _ => "um_per_mm",
+        };
+        l.form(vec![Parameter::linear(name, 0.1)], move |data, p, errors| {
+            for (g, e) in errors.iter_mut().enumerate() {
+                let x = data.dir_x.get(g).copied().unwrap_or(0.0) * axes[0];
+                let y = data.dir_y.get(g).copied().unwrap_or(0.0) * axes[1];
+                e.camera.linear[0][1] += p[0] * 1e-3 * x;
+                e.camera.linear[1][1] += p[0] * 1e-3 * y;
+            }
+        });
+    }
+}
+
+fn axis_effects(l: &mut L, data: &Rod) {
+    let long = "a longer artefact: the travel over a rod is short";
+    for (axis, (name, meaning)) in
+        [("scale-x", "X goes too far (EXX)"), ("scale-y", "Y goes too far (EYY)")]
+            .into_iter()
+            .enumerate()
+    {
+        l.effect(
+            words(name, meaning, "the rod's apparent place against the machine's", long),
+            data.needs(&[["x_mm", "y_mm"][axis]]),
+        );
+        l.form(vec![Parameter::linear("um_per_m", 20.0)], move |data, p, errors| {
+            for (e, place) in errors.iter_mut().zip(&data.place) {
+                e.place[axis] += p[0] * 1e-6 * place[axis];
+            }
+        });
+    }
+    l.effect(
+        words("squareness-xy", "Y is not square to X (C0Y)", "x against the machine's Y", long),
+        data.needs(&["y_mm"]),
+    );
+    l.form(vec![Parameter::linear("um_per_m", 20.0)], |data, p, errors| {
+        for (e, place) in errors.iter_mut().zip(&data.place) {
+            e.place.x -= p[0] * 1e-6 * place.y;
+        }
+    });
+    let both = "each place approached from both sides";
+    for (axis, (name, column, meaning)) in [
+        ("backlash-x", "dir_x", "X lags behind by half this width"),
+        ("backlash-y", "dir_y", "Y lags behind by half this width"),
+    ]
+    .into_iter()
+    .enumerate()
+    {
+        let varies_with = [&["x_mm", "t_s"][..], &["y_mm", "t_s"]][axis];
+        l.effect(
+            Words {
+                name,
+                meaning,
+                evidence: "the two directions of travel",
+                best: both,
+                varies_with,
+            },
+            data.needs(&[column]),
+        );
+        l.form(vec![Parameter::linear("width_mm", 0.01)], move |data, p, errors| {
+            for (g, e) in errors.iter_mut().enumerate() {
+                let dir = [&data.dir_x, &data.dir_y][axis].get(g).copied().unwrap_or(0.0);
+                e.place[axis] -= 0.5 * p[0] * dir;
+            }
+        });
+    }
+    for (axis, (name, column)) in
+        [("cyclic-x", "x_mm"), ("cyclic-y", "y_mm")].into_iter().enumerate()
+    {
+        l.effect(
+            words(
+                name,
+                "the axis goes wrong once per turn of its screw",
+                "the rod's apparent place against the machine's, repeating",
+                "places spread over several screw pitches",
+            ),
+            data.needs(&[column]),
+        );
+        let travel = data.travel_mm(axis);
+        // A pitch much longer than the travel is no cycle; one shorter than the places' spacing cannot be told.
+        let pitches: Vec<f64> =
+            [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0]
+                .into_iter()
+                .filter(|p| *p < 2.0 * travel)
+                .collect();
+        if pitches.is_empty() {
+            if let Some(info) = l.infos.last_mut() {
+                info.untestable = Some("the travel is shorter than half a screw pitch".into());
+            }
+            continue;
+        }
+        let parameters = vec![
+            Parameter::linear("cos_mm", SIZE),
+            Parameter::linear("sin_mm", SIZE),
+            Parameter::shape("pitch_mm", &pitches),
+        ];
+        l.form(parameters, move |data, p, errors| {
+            for (e, place) in errors.iter_mut().zip(&data.place) {
+                let (s, c) = (std::f64::consts::TAU * place[axis] / p[2]).sin_cos();
+                e.place[axis] += p[0] * c + p[1] * s;
+            }
+        });
+    }
+}
+
+fn rod_effects(l: &mut L, data: &Rod) {
+    let turns = data.needs(&["c_deg"]);
+    let irregular = "seven or more irregular C angles in random order";
+    l.effect(
+        words(
+            "rod-eccentricity",
+            "the rod stands off the C axis",
+            "the centre, once a turn of C",
+            irregular,
+        ),
+        turns.clone(),
+    );
+    l.form(
+        vec![Parameter::linear("x_mm", 0.01), Parameter::linear("y_mm", 0.01)],
+        |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+                let (s, c) = c.sin_cos();
+                e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
+            }
+        },
+    );
+    for (name, order, meaning) in [
+        ("rod-oval", 2.0, "the rod is oval: two lobes that turn with C"),
+        ("rod-three-lobe", 3.0, "the rod has three lobes that turn with C"),
+    ] {
+        l.effect(
+            words(name, meaning, "the radius round the edge, turning with C", irregular),
+            None,
+        );
+        l.form(
+            vec![Parameter::linear("cos_mm", SIZE), Parameter::linear("sin_mm", SIZE)],
+            move |_, p, errors| {
+                errors.iter_mut().for_each(|e| e.lobes.push((order, p[0], p[1])));
+            },
+        );
+    }
+    l.effect(
+        Words {
+            varies_with: &["c_deg"],
+            ..words(
+                "c-radial-2x",
+                "the C axis moves sideways twice a turn (EXC, EYC)",
+                "the centre, twice a turn of C",
+                irregular,
+            )
+        },
+        turns,
+    );
+    let names = [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]];
+    let linear = |names: &[&'static str]| {
+        names.iter().map(|n| Parameter::linear(*n, SIZE)).collect::<Vec<_>>()
+    };
+    let twice = |c: f64, p: &[f64]| p[0] * (2.0 * c).cos() + p[1] * (2.0 * c).sin();
+    l.form(linear(&names.concat()), move |data, p, errors| {
+        for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+            e.centre += Vector2::new(twice(*c, &p[..2]), twice(*c, &p[2..]));
+        }
+    });
+    for sense in [1.0, -1.0] {
+        let names = if sense > 0.0 {
+            ["turn_cos_mm", "turn_sin_mm"]
+        } else {
+            ["back_cos_mm", "back_sin_mm"]
+        };
+        l.form(linear(&names), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+                let (s, c) = (2.0 * c).sin_cos();
+                let s = s * sense;
+                e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
+            }
+        });
+    }
+    for (axis, names) in names.into_iter().enumerate() {
+        l.form(linear(&names), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+                e.centre[axis] += twice(*c, p);
+            }
+        });
+    }
+}

@@ -1,0 +1,415 @@
+//! Effects in RTCP deviations: `d = tool point really reached - target really there`, in the machine frame.
+//!
+//! With v the head vector and T the target (`docs/conventions.md`), the control cancels the nominal ones, so
+//! `d = shift + H(B) - Ry(B) v - (H₀ - v) - (T_real - T_nominal)`, exactly. H is the head vector with its errors; H₀
+//! the part of them that was present when the machine's datum was taken at B = 0 (`datum = 1`).
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::diagnose::data::rtcp::Rtcp;
+use crate::diagnose::effects::{Library, Words, rtcp_slow};
+use crate::diagnose::experiment::Parameter;
+
+/// Errors of the head: offsets, B angle, tilts of the B axis.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct HeadError {
+    dx: f64,
+    pub(super) dr: f64,
+    b: f64,
+    tilt_x: f64,
+    tilt_z: f64,
+}
+
+/// All errors at one pose.
+#[derive(Debug, Clone, Default)]
+pub struct PoseError {
+    pub(super) head: HeadError,
+    pub(super) datum: HeadError,
+    pub(super) shift: Vector3<f64>,
+    c_shift: Vector3<f64>,
+    c_angle: f64,
+    tilt_cx: f64,
+    tilt_cy: f64,
+}
+
+impl HeadError {
+    /// Head vector at angle `b_rad`.
+    fn vector(&self, v0: Vector3<f64>, b_rad: f64) -> Vector3<f64> {
+        let v = v0 + Vector3::new(self.dx, 0.0, -self.dr);
+        let v = Rotation3::from_axis_angle(&Vector3::y_axis(), b_rad + self.b) * v;
+        if self.tilt_x == 0.0 && self.tilt_z == 0.0 {
+            return v;
+        }
+        let x = Rotation3::from_axis_angle(&Vector3::x_axis(), self.tilt_x);
+        let z = Rotation3::from_axis_angle(&Vector3::z_axis(), self.tilt_z);
+        x * z * v
+    }
+}
+
+impl PoseError {
+    /// The deviation at a pose; `target_shift` is where the target really is, less where the model has it (table frame).
+    pub fn deviation(&self, data: &Rtcp, row: usize, target_shift: Vector3<f64>) -> Vector3<f64> {
+        let (b, c) = (data.b_deg[row].to_radians(), data.c_deg[row].to_radians());
+        let v0 = data.geometry.head;
+        let nominal = Rotation3::from_axis_angle(&Vector3::y_axis(), b) * v0;
+        let head = self.head.vector(v0, b) - nominal;
+        let datum = self.datum.vector(v0, 0.0) - v0;
+        let sense = data.geometry.c_sense;
+        let turn = |c: f64| Rotation3::from_axis_angle(&Vector3::z_axis(), sense * c);
+        let p = data.geometry.target;
+        let mut target = turn(c + self.c_angle) * (p + target_shift);
+        if self.tilt_cx != 0.0 || self.tilt_cy != 0.0 {
+            let x = Rotation3::from_axis_angle(&Vector3::x_axis(), self.tilt_cx);
+            let y = Rotation3::from_axis_angle(&Vector3::y_axis(), self.tilt_cy);
+            target = x * y * target;
+        }
+        let target = target + self.c_shift - turn(c) * p;
+        self.shift + head - datum - target
+    }
+}
+
+pub(super) type L = Library<Rtcp, PoseError>;
+
+fn angle(name: &'static str) -> Parameter {
+    Parameter::linear(name, 0.01)
+}
+
+pub(super) fn length(name: &'static str) -> Parameter {
+    Parameter::linear(name, 0.02)
+}
+
+/// Adds an error of the head in two forms: as it is, and with the datum at B = 0 taken while it was there.
+fn head(l: &mut L, parameter: Parameter, datum_first: bool, set: fn(&mut HeadError, f64)) {
+    let mut add = |datum: bool| {
+        let mut parameters = vec![parameter.clone()];
+        if datum != datum_first {
+            parameters.push(Parameter::switch("datum", f64::from(u8::from(datum))));
+        }
+        l.form(parameters, move |_, p, errors| {
+            for e in errors {
+                set(&mut e.head, p[0]);
+                if datum {
+                    set(&mut e.datum, p[0]);
+                }
+            }
+        });
+    };
+    add(datum_first);
+    add(!datum_first);
+}
+
+/// Fourier parameters of the given harmonics.
+fn harmonics(orders: &[u32], unit: &str, typical: f64) -> Vec<Parameter> {
+    orders
+        .iter()
+        .flat_map(|k| {
+            [
+                Parameter::linear(format!("cos{k}_{unit}"), typical),
+                Parameter::linear(format!("sin{k}_{unit}"), typical),
+            ]
+        })
+        .collect()
+}
+
+/// Σ a cos kx + b sin kx.
+fn fourier(orders: &[u32], p: &[f64], angle_rad: f64) -> f64 {
+    orders
+        .iter()
+        .zip(p.chunks_exact(2))
+        .map(|(k, ab)| {
+            let (s, c) = (f64::from(*k) * angle_rad).sin_cos();
+            ab[0] * c + ab[1] * s
+        })
+        .sum()
+}
+
+/// The library, with what `data` cannot test marked.
+pub fn library(data: &Rtcp) -> L {
+    let mut l = L::default();
+    head_effects(&mut l, data);
+    table_effects(&mut l, data);
+    rtcp_slow::time_effects(&mut l, data);
+    rtcp_slow::linear_effects(&mut l);
+    l
+}
+
+fn head_effects(l: &mut L, data: &Rtcp) {
+    let moves = data.needs(&["b_deg"]);
+    let words =
+        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
+    l.effect(
+        words(
+            "pivot-offset-x",
+            "the nozzle is off the B axis by ΔX + this",
+            "dz against sin B",
+            "B from -90 to +90 at one C",
+        ),
+        moves.clone(),
+    );
+    head(l, length("delta_x_mm"), true, |e, v| e.dx += v);
+    l.effect(
+        words(
+            "pivot-length",
+            "the B axis is R + this above the nozzle",
+            "dx against sin B",
+            "B from -90 to +90 at one C",
+        ),
+        moves.clone(),
+    );
+    head(l, length("r_mm"), true, |e, v| e.dr += v);
+    l.effect(
+        words(
+            "b-zero",
+            "B reads zero where it is not",
+            "dx at all B",
+            "two very different tool lengths; a burn test",
+        ),
+        None,
+    );
+    head(l, angle("angle_deg"), false, |e, v| e.b += v.to_radians());
+    l.effect(
+        words(
+            "b-axis-tilt-x",
+            "the B axis is turned about X (A0B)",
+            "dy against cos B",
+            "B from -90 to +90 at one C",
+        ),
+        moves.clone(),
+    );
+    head(l, angle("tilt_deg"), true, |e, v| e.tilt_x += v.to_radians());
+    l.effect(
+        words(
+            "b-axis-tilt-z",
+            "the B axis is turned about Z (C0B)",
+            "dy against sin B",
+            "B from -90 to +90 at one C",
+        ),
+        moves.clone(),
+    );
+    head(l, angle("tilt_deg"), true, |e, v| e.tilt_z += v.to_radians());
+    l.effect(
+        Words {
+            name: "b-pitch-error",
+            meaning: "B stands at another angle than it reads, as a function of B (EBB)",
+            evidence: "dx and dz together, as B's angle times the head vector",
+            best: "B in steps of 5 degrees over its whole range",
+            varies_with: &["b_deg"],
+        },
+        moves.clone(),
+    );
+    for orders in [&[1][..], &[2], &[3], &[4], &[1, 2], &[1, 2, 3, 4]] {
+        l.form(harmonics(orders, "deg", 0.01), move |data, p, errors| {
+            for (e, b) in errors.iter_mut().zip(&data.b_deg) {
+                e.head.b += fourier(orders, p, b.to_radians()).to_radians();
+            }
+        });
+    }
+    l.effect(
+        Words {
+            name: "b-backlash",
+            meaning: "B lags behind by half this width, whichever way it came",
+            evidence: "difference of the two directions of B",
+            best: "each B angle approached from both sides",
+            varies_with: &["b_deg", "t_s", "approach_b_deg"],
+        },
+        data.needs(&["dir_b"]),
+    );
+    l.form(vec![angle("width_deg")], |data, p, errors| {
+        for (e, dir) in errors.iter_mut().zip(&data.dir_b) {
+            e.head.b -= 0.5 * dir * p[0].to_radians();
+        }
+    });
+    l.effect(
+        Words {
+            name: "head-sag",
+            meaning: "the head bends under its weight as it swings",
+            evidence: "dx and dz growing with |B|",
+            best: "B from -90 to +90, with z measured",
+            varies_with: &["b_deg"],
+        },
+        moves,
+    );
+    l.form(vec![length("sag_mm")], |data, p, errors| {
+        let arm = data.geometry.head.norm().max(1e-9);
+        for (e, b) in errors.iter_mut().zip(&data.b_deg) {
+            e.head.b += p[0] / arm * b.to_radians().sin();
+        }
+    });
+    l.form(vec![length("down_mm")], |data, p, errors| {
+        for (e, b) in errors.iter_mut().zip(&data.b_deg) {
+            e.shift.z -= p[0] * b.to_radians().sin().abs();
+        }
+    });
+    l.form(vec![length("down_squared_mm")], |data, p, errors| {
+        for (e, b) in errors.iter_mut().zip(&data.b_deg) {
+            e.shift.z -= p[0] * b.to_radians().sin().powi(2);
+        }
+    });
+    l.form(vec![length("side_mm")], |data, p, errors| {
+        for (e, b) in errors.iter_mut().zip(&data.b_deg) {
+            e.shift.x += p[0] * b.to_radians().sin();
+        }
+    });
+}
+
+fn table_effects(l: &mut L, data: &Rtcp) {
+    let turns = data.needs(&["c_deg"]);
+    let words =
+        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
+    l.effect(
+        words(
+            "c-axis-tilt-x",
+            "the C axis is turned about X (A0C)",
+            "dz against C, and dy",
+            "C all round with the target far out",
+        ),
+        turns.clone(),
+    );
+    l.form(vec![angle("tilt_deg")], |_, p, errors| {
+        errors.iter_mut().for_each(|e| e.tilt_cx += p[0].to_radians());
+    });
+    l.effect(
+        words(
+            "c-axis-tilt-y",
+            "the C axis is turned about Y (B0C)",
+            "dz against C, and dx",
+            "C all round with the target far out",
+        ),
+        turns.clone(),
+    );
+    l.form(vec![angle("tilt_deg")], |_, p, errors| {
+        errors.iter_mut().for_each(|e| e.tilt_cy += p[0].to_radians());
+    });
+    l.effect(
+        words(
+            "c-centre",
+            "the C axis is elsewhere (X0C, Y0C)",
+            "mean of dx and dy over C",
+            "C all round: the target's place turns, the centre does not",
+        ),
+        turns.clone(),
+    );
+    l.form(vec![length("x_mm"), length("y_mm")], |_, p, errors| {
+        errors.iter_mut().for_each(|e| e.c_shift += Vector3::new(p[0], p[1], 0.0));
+    });
+    l.form(vec![length("x_mm")], |_, p, errors| {
+        errors.iter_mut().for_each(|e| e.c_shift.x += p[0]);
+    });
+    l.form(vec![length("y_mm")], |_, p, errors| {
+        errors.iter_mut().for_each(|e| e.c_shift.y += p[0]);
+    });
+    l.effect(
+        Words {
+            name: "c-pitch-error",
+            meaning: "C stands at another angle than it reads, as a function of C (ECC)",
+            evidence: "the deviation across the radius, against C",
+            best: "seven or more irregular C angles with the target far out",
+            varies_with: &["c_deg"],
+        },
+        turns.clone(),
+    );
+    for orders in [&[1][..], &[2], &[3], &[4], &[1, 2], &[1, 2, 3, 4]] {
+        l.form(harmonics(orders, "deg", 0.01), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                e.c_angle += fourier(orders, p, c.to_radians()).to_radians();
+            }
+        });
+    }
+    l.effect(
+        Words {
+            name: "c-backlash",
+            meaning: "C lags behind by half this width, whichever way it came",
+            evidence: "difference of the two directions of C",
+            best: "each C angle approached from both sides",
+            varies_with: &["c_deg", "t_s", "approach_c_deg"],
+        },
+        data.needs(&["dir_c"]),
+    );
+    l.form(vec![angle("width_deg")], |data, p, errors| {
+        for (e, dir) in errors.iter_mut().zip(&data.dir_c) {
+            e.c_angle -= 0.5 * dir * p[0].to_radians();
+        }
+    });
+    c_motion(l, turns);
+}
+
+/// Error motions of the C axis, two cycles a turn and up, and the target's run-out.
+fn c_motion(l: &mut L, turns: Option<String>) {
+    let words = |name, meaning, evidence, best| Words {
+        name,
+        meaning,
+        evidence,
+        best,
+        varies_with: &["c_deg"],
+    };
+    l.effect(
+        words(
+            "c-radial-2x",
+            "the C axis moves sideways twice a turn (EXC, EYC)",
+            "dx and dy against 2C",
+            "seven or more irregular C angles",
+        ),
+        turns.clone(),
+    );
+    let four = ["x_cos_mm", "x_sin_mm", "y_cos_mm", "y_sin_mm"].map(length).to_vec();
+    l.form(four, |data, p, errors| {
+        for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+            let c = c.to_radians();
+            e.c_shift += Vector3::new(fourier(&[2], &p[..2], c), fourier(&[2], &p[2..], c), 0.0);
+        }
+    });
+    for sense in [1.0, -1.0] {
+        let name = if sense > 0.0 {
+            ["turn_cos_mm", "turn_sin_mm"]
+        } else {
+            ["back_cos_mm", "back_sin_mm"]
+        };
+        l.form(name.map(length).to_vec(), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                let (s, c) = (2.0 * c.to_radians()).sin_cos();
+                let s = sense * s;
+                e.c_shift += Vector3::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c, 0.0);
+            }
+        });
+    }
+    for (axis, names) in
+        [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]].into_iter().enumerate()
+    {
+        l.form(names.map(length).to_vec(), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                e.c_shift[axis] += fourier(&[2], p, c.to_radians());
+            }
+        });
+    }
+    l.effect(
+        words(
+            "c-axial",
+            "the C axis moves up and down as it turns (EZC)",
+            "dz against 2C, 3C, 4C",
+            "seven or more irregular C angles",
+        ),
+        turns.clone(),
+    );
+    for orders in [&[2][..], &[3], &[4], &[1], &[2, 3, 4]] {
+        l.form(harmonics(orders, "mm", 0.01), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                e.c_shift.z += fourier(orders, p, c.to_radians());
+            }
+        });
+    }
+    l.effect(
+        words(
+            "target-runout",
+            "the target runs out as the table turns, beyond its place",
+            "dx and dy against C, turning backwards",
+            "the target indicated in place; a second target",
+        ),
+        turns,
+    );
+    l.form(vec![length("cos_mm"), length("sin_mm")], |data, p, errors| {
+        for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+            let (s, c) = c.to_radians().sin_cos();
+            e.c_shift += Vector3::new(p[0] * c + p[1] * s, p[1] * c - p[0] * s, 0.0);
+        }
+    });
+}

@@ -1,0 +1,126 @@
+//! Effects in RTCP deviations that change with temperature and time, and those of the linear axes.
+
+use crate::diagnose::data::rtcp::Rtcp;
+use crate::diagnose::effects::rtcp::{L, length};
+use crate::diagnose::effects::{Words, lagged};
+use crate::diagnose::experiment::Parameter;
+
+/// Growth with temperature and drift with time.
+pub fn time_effects(l: &mut L, data: &Rtcp) {
+    l.effect(
+        Words {
+            name: "thermal-growth",
+            meaning: "the head grows longer with temperature, with a lag",
+            evidence: "along the head against temperature",
+            best: "one pose repeated while the machine warms up and cools down",
+            varies_with: &["temp_c", "t_s"],
+        },
+        data.needs(&["temp_c"]),
+    );
+    let lags: Vec<f64> = [0.05, 0.12, 0.3, 0.7].iter().map(|f| f * data.duration_s()).collect();
+    for datum in [false, true] {
+        for lag in [false, true] {
+            for reference in 0..3 {
+                if lag && data.duration_s() <= 0.0 {
+                    continue;
+                }
+                let mut parameters = vec![Parameter::linear("mm_per_c", 0.005)];
+                match reference {
+                    1 => parameters.push(length("offset_mm")),
+                    2 => parameters.push(Parameter::switch("from_start", 1.0)),
+                    _ => {}
+                }
+                if lag {
+                    parameters.push(Parameter::shape("lag_s", &lags));
+                }
+                if datum {
+                    parameters.push(Parameter::switch("datum", 1.0));
+                }
+                l.form(parameters, move |data, p, errors| {
+                    let lag_at = if reference == 0 { 1 } else { 2 };
+                    let warm = if lag {
+                        lagged(&data.t_s, &data.temp_c, p[lag_at].abs().max(1e-3))
+                    } else {
+                        data.temp_c.clone()
+                    };
+                    let zero = if reference == 2 { data.first_temp_c() } else { 20.0 };
+                    let offset = if reference == 1 { p[1] } else { 0.0 };
+                    for (e, t) in errors.iter_mut().zip(&warm) {
+                        let growth = p[0] * (t - zero) + offset;
+                        e.head.dr += growth;
+                        if datum {
+                            e.datum.dr += growth;
+                        }
+                    }
+                });
+            }
+        }
+    }
+    l.effect(
+        Words {
+            name: "drift-time",
+            meaning: "the tool moves against the table as time goes by",
+            evidence: "all outputs against time",
+            best: "one pose repeated through the run, poses in random order",
+            varies_with: &["t_s"],
+        },
+        data.needs(&["t_s"]),
+    );
+    let span = data.duration_s();
+    let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * span).collect();
+    for saturating in [false, true] {
+        for axes in [&[0, 1, 2][..], &[0], &[1], &[2]] {
+            let unit = if saturating { "mm" } else { "mm_per_h" };
+            let mut parameters: Vec<Parameter> = axes
+                .iter()
+                .map(|a| Parameter::linear(format!("{}_{unit}", ["x", "y", "z"][*a]), 0.02))
+                .collect();
+            if saturating {
+                parameters.push(Parameter::shape("rise_s", &rises));
+            }
+            l.form(parameters, move |data, p, errors| {
+                let start = data.start_s();
+                for (e, t) in errors.iter_mut().zip(&data.t_s) {
+                    let size = if saturating {
+                        1.0 - (-(t - start) / p[axes.len()].abs().max(1e-3)).exp()
+                    } else {
+                        (t - start) / 3600.0
+                    };
+                    for (k, a) in axes.iter().enumerate() {
+                        e.shift[*a] += p[k] * size;
+                    }
+                }
+            });
+        }
+    }
+}
+
+/// Scales and squareness of the linear axes, about the machine's zero or (`datum = 1`) the C axis.
+pub fn linear_effects(l: &mut L) {
+    type Row = (&'static str, &'static str, usize, usize, f64);
+    let rows: [Row; 6] = [
+        ("squareness-xy", "Y is not square to X (C0Y)", 0, 1, -1.0),
+        ("squareness-xz", "Z is not square to X (B0Z)", 0, 2, 1.0),
+        ("squareness-yz", "Z is not square to Y (A0Z)", 1, 2, -1.0),
+        ("scale-x", "X goes too far (EXX)", 0, 0, 1.0),
+        ("scale-y", "Y goes too far (EYY)", 1, 1, 1.0),
+        ("scale-z", "Z goes too far (EZZ)", 2, 2, 1.0),
+    ];
+    for (name, meaning, output, input, sign) in rows {
+        let evidence = "the deviation against the axis' place";
+        let best = "long moves: B over its whole range and the target far out";
+        l.effect(Words { name, meaning, evidence, best, varies_with: &[] }, None);
+        for datum in [false, true] {
+            let mut parameters = vec![Parameter::linear("um_per_m", 20.0)];
+            if datum {
+                parameters.push(Parameter::switch("datum", 1.0));
+            }
+            l.form(parameters, move |data, p, errors| {
+                for (e, place) in errors.iter_mut().zip(&data.commanded) {
+                    let from = if datum { data.geometry.centre[input] } else { 0.0 };
+                    e.shift[output] += sign * p[0] * 1e-6 * (place[input] - from);
+                }
+            });
+        }
+    }
+}

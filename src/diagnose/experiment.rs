@@ -1,0 +1,145 @@
+//! What the statistics need to know of one set of measurements, whatever its kind.
+
+use std::borrow::Cow;
+
+/// A parameter of an effect or of the baseline.
+#[derive(Debug, Clone)]
+pub struct Parameter {
+    /// Name with its unit, as written in files.
+    pub name: Cow<'static, str>,
+    /// What a real machine shows: the prior's standard deviation, and the scale of numeric steps.
+    pub typical: f64,
+    /// Empty where the prediction is (nearly) linear in the parameter; otherwise the values tried first.
+    pub grid: Vec<f64>,
+    /// The value the fit starts from.
+    pub start: f64,
+}
+
+impl Parameter {
+    /// A parameter that enters linearly and is zero where the effect is absent.
+    pub fn linear(name: impl Into<Cow<'static, str>>, typical: f64) -> Self {
+        Self { name: name.into(), typical, grid: Vec::new(), start: 0.0 }
+    }
+
+    /// A parameter of the form (a lag, a pitch), searched on a grid first.
+    pub fn shape(name: impl Into<Cow<'static, str>>, grid: &[f64]) -> Self {
+        let typical = grid.first().copied().unwrap_or(1.0);
+        Self { name: name.into(), typical, grid: grid.to_vec(), start: typical }
+    }
+
+    /// A choice between definitions that is part of the form and never fitted.
+    pub fn switch(name: &'static str, value: f64) -> Self {
+        Self { name: name.into(), typical: 0.0, grid: vec![value], start: value }
+    }
+
+    /// Whether the parameter is a switch, which no fit changes.
+    pub fn is_switch(&self) -> bool {
+        self.typical == 0.0
+    }
+}
+
+/// A library effect, as far as naming and explaining it goes.
+#[derive(Debug, Clone)]
+pub struct EffectInfo {
+    /// The contract's name.
+    pub name: Cow<'static, str>,
+    /// One line: what is wrong with the machine.
+    pub meaning: Cow<'static, str>,
+    /// Where the evidence is strongest.
+    pub evidence: Cow<'static, str>,
+    /// What measurement shows it best.
+    pub best: Cow<'static, str>,
+    /// The functional forms it is known to take, simplest first; each is a list of parameters.
+    pub forms: Vec<Vec<Parameter>>,
+    /// The variables its size may depend on in a form the library does not have.
+    pub varies_with: &'static [&'static str],
+    /// Why the data at hand cannot test it.
+    pub untestable: Option<String>,
+}
+
+/// An effect in the model, in one form with all its parameters.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Active {
+    /// Index into the experiment's effects.
+    pub effect: usize,
+    /// Index into the effect's forms.
+    pub form: usize,
+    /// The form's parameters.
+    pub values: Vec<f64>,
+}
+
+/// A column of the plan: an angle, a time, a place.
+#[derive(Debug, Clone)]
+pub struct Variable {
+    /// Column name with its unit.
+    pub name: &'static str,
+    /// Its value at each observation.
+    pub values: Vec<f64>,
+    /// Degrees round a full turn, so that harmonics make sense.
+    pub angle: bool,
+    /// Differs between points of one capture (a place in the frame), rather than between captures.
+    pub within: bool,
+}
+
+/// A way in which an unknown effect could show in the observations.
+#[derive(Debug, Clone)]
+pub struct Direction {
+    /// The output's name.
+    pub name: &'static str,
+    /// What one millimetre along it adds to each observation.
+    pub factors: Vec<f64>,
+}
+
+/// The observations and how they hang together.
+#[derive(Debug, Clone, Default)]
+pub struct Layout {
+    /// The measured values, mm.
+    pub values: Vec<f64>,
+    /// The capture (pose, burn) each value belongs to, numbered from 0.
+    pub groups: Vec<usize>,
+    /// Captures with the same number are repeats of one another.
+    pub sites: Vec<usize>,
+    /// Observations whose noise may differ from the others' (one class per measured output).
+    pub classes: Vec<usize>,
+    /// Ways an unknown effect could show.
+    pub directions: Vec<Direction>,
+    /// What the observations may depend on.
+    pub variables: Vec<Variable>,
+    /// Random parts shared within a capture: components, each of one or more columns.
+    pub random: Vec<Vec<Vec<f64>>>,
+}
+
+impl Layout {
+    /// Number of captures.
+    pub fn group_count(&self) -> usize {
+        self.sites.len()
+    }
+}
+
+/// One set of measurements and its exact model.
+pub trait Experiment {
+    /// The kind's name on the command line.
+    fn kind(&self) -> &'static str;
+    /// The observations.
+    fn layout(&self) -> &Layout;
+    /// Parameters of the baseline that are fitted with everything else.
+    fn nuisances(&self) -> &[Parameter];
+    /// The library.
+    fn effects(&self) -> &[EffectInfo];
+    /// The exact prediction of every observation, mm.
+    fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64>;
+    /// The prediction in the data file's own columns, one value a row.
+    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)>;
+    /// The experiment with other captures planned in (`None` where plans cannot be extended).
+    fn with_plan(&self, _extra: &[PlannedCapture]) -> Option<Box<dyn Experiment>> {
+        None
+    }
+    /// Captures the machine could take next, for `next_measurement`.
+    fn proposals(&self) -> Vec<PlannedCapture> {
+        Vec::new()
+    }
+}
+
+/// A capture that could be taken: column names with values.
+#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+pub struct PlannedCapture(pub std::collections::BTreeMap<&'static str, f64>);

@@ -1,0 +1,251 @@
+//! The joint exact fit: baseline, named effects and extra terms together, with the noise re-estimated.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::diagnose::experiment::{Active, Experiment};
+use crate::diagnose::generic::Term;
+use crate::diagnose::noise::{Noise, Space, orthonormal};
+use crate::fit::least_squares;
+
+/// What an extra linear term stands for.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Extra {
+    /// A generic shape: something without a name.
+    Generic(Term),
+    /// A correction to the functional form of a named effect, in one variable.
+    Form {
+        /// Index of the effect.
+        effect: usize,
+        /// Index of the variable.
+        variable: usize,
+    },
+}
+
+/// An extra linear term in the model.
+#[derive(Debug, Clone)]
+pub struct ExtraTerm {
+    /// What it stands for.
+    pub kind: Extra,
+    /// Its columns, mm per unit.
+    pub columns: DMatrix<f64>,
+    /// Its coefficients.
+    pub values: Vec<f64>,
+}
+
+/// The model as far as it has been built up.
+#[derive(Debug, Clone)]
+pub struct Model {
+    /// Baseline parameters.
+    pub nuisances: Vec<f64>,
+    /// Named effects.
+    pub active: Vec<Active>,
+    /// Extra terms.
+    pub extras: Vec<ExtraTerm>,
+}
+
+/// A fitted model.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// The model with its fitted values.
+    pub model: Model,
+    /// Measured minus predicted, mm.
+    pub residual: Vec<f64>,
+    /// d(prediction)/d(free parameter), mm per unit.
+    pub tangent: DMatrix<f64>,
+    /// Noise.
+    pub noise: Noise,
+    /// Covariance of the free parameters.
+    pub covariance: DMatrix<f64>,
+    /// Number of free parameters the data determine.
+    pub rank: usize,
+}
+
+/// Fits models to one experiment.
+pub struct Fitter<'a> {
+    /// The experiment.
+    pub experiment: &'a dyn Experiment,
+    /// The rotated space.
+    pub space: Space,
+    /// Independent noise where it is given, mm.
+    pub given_mm: Option<f64>,
+}
+
+impl Fitter<'_> {
+    /// The baseline alone.
+    pub fn baseline(&self) -> Model {
+        let nuisances = self.experiment.nuisances().iter().map(|p| p.start).collect();
+        Model { nuisances, active: Vec::new(), extras: Vec::new() }
+    }
+
+    /// The prediction of every observation.
+    pub fn predict(&self, model: &Model) -> Vec<f64> {
+        let mut out = self.experiment.predict(&model.nuisances, &model.active);
+        for extra in &model.extras {
+            for (c, value) in extra.values.iter().enumerate() {
+                for (o, x) in out.iter_mut().zip(extra.columns.column(c).iter()) {
+                    *o += value * x;
+                }
+            }
+        }
+        out
+    }
+
+    /// Free parameters in order: baseline, effects (without switches), extra terms.
+    pub fn free(&self, model: &Model) -> Vec<f64> {
+        let mut free = model.nuisances.clone();
+        for a in &model.active {
+            let form = &self.experiment.effects()[a.effect].forms[a.form];
+            free.extend(a.values.iter().zip(form).filter(|(_, p)| !p.is_switch()).map(|(v, _)| *v));
+        }
+        free.extend(model.extras.iter().flat_map(|e| e.values.iter().copied()));
+        free
+    }
+
+    /// Index of the first free parameter of each effect, then of each extra term, then the count.
+    pub fn offsets(&self, model: &Model) -> Vec<usize> {
+        let mut at = model.nuisances.len();
+        let mut offsets = vec![at];
+        for a in &model.active {
+            let form = &self.experiment.effects()[a.effect].forms[a.form];
+            at += form.iter().filter(|p| !p.is_switch()).count();
+            offsets.push(at);
+        }
+        for e in &model.extras {
+            at += e.values.len();
+            offsets.push(at);
+        }
+        offsets
+    }
+
+    fn with_free(&self, model: &Model, free: &[f64]) -> Model {
+        let mut next = model.clone();
+        let mut values = free.iter().copied();
+        let mut take = |slot: &mut f64| {
+            if let Some(v) = values.next() {
+                *slot = v;
+            }
+        };
+        next.nuisances.iter_mut().for_each(&mut take);
+        for a in &mut next.active {
+            let form = &self.experiment.effects()[a.effect].forms[a.form];
+            for (v, p) in a.values.iter_mut().zip(form).filter(|(_, p)| !p.is_switch()) {
+                take(v);
+                if let (Some(low), Some(high)) = (p.grid.first(), p.grid.last()) {
+                    // A form parameter far outside its grid says nothing more than the limit does.
+                    *v = v.clamp(0.3 * low.min(*high), 3.0 * low.max(*high));
+                }
+            }
+        }
+        next.extras.iter_mut().flat_map(|e| &mut e.values).for_each(&mut take);
+        next
+    }
+
+    /// Steps for numeric derivatives, in the order of [`Fitter::free`].
+    fn steps(&self, model: &Model) -> Vec<f64> {
+        let mut steps: Vec<f64> =
+            self.experiment.nuisances().iter().map(|p| 1e-3 * p.typical).collect();
+        for a in &model.active {
+            let form = &self.experiment.effects()[a.effect].forms[a.form];
+            for (v, p) in a.values.iter().zip(form).filter(|(_, p)| !p.is_switch()) {
+                steps.push(if p.grid.is_empty() { 1e-3 * p.typical } else { 1e-4 * v.abs() });
+            }
+        }
+        steps
+    }
+
+    /// d(prediction)/d(free parameter).
+    pub fn tangent(&self, model: &Model, at: &[f64]) -> DMatrix<f64> {
+        let free = self.free(model);
+        let steps = self.steps(model);
+        let bare = Model { extras: Vec::new(), ..model.clone() };
+        let base = if model.extras.is_empty() { at.to_vec() } else { self.predict(&bare) };
+        let mut tangent = DMatrix::zeros(at.len(), free.len());
+        for (c, &step) in steps.iter().enumerate() {
+            let step = if step > 0.0 { step } else { 1e-9 };
+            let mut moved = free[..steps.len()].to_vec();
+            moved[c] += step;
+            let forward = self.predict(&self.with_free(&bare, &moved));
+            for (i, (f, b)) in forward.iter().zip(&base).enumerate() {
+                tangent[(i, c)] = (f - b) / step;
+            }
+        }
+        let mut c = steps.len();
+        for e in &model.extras {
+            tangent.view_mut((0, c), (at.len(), e.values.len())).copy_from(&e.columns);
+            c += e.values.len();
+        }
+        tangent
+    }
+
+    /// Measured minus predicted.
+    pub fn residual(&self, predicted: &[f64]) -> Vec<f64> {
+        self.experiment.layout().values.iter().zip(predicted).map(|(m, p)| m - p).collect()
+    }
+
+    /// Whitened columns.
+    pub fn whiten(&self, columns: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        self.space.whiten(&self.space.split(columns), noise)
+    }
+
+    /// Exact joint fit with the noise re-estimated; `noise` is where the search starts.
+    pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
+        let mut model = model;
+        let mut noise = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
+        for round in 0..2 {
+            model = self.minimise(model, &noise, if round == 0 { 12 } else { 4 });
+            let (residual, tangent) = self.linearise(&model);
+            let split_tangent = self.space.split(&tangent);
+            let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
+            noise = self.space.estimate(&split_tangent, &self.space.split(&column), self.given_mm);
+            if round == 1 || noise.ratios.is_empty() {
+                // Without shared parts the weights do not depend on the noise: one round is enough.
+                return self.finish(model, residual, tangent, noise);
+            }
+        }
+        let (residual, tangent) = self.linearise(&model);
+        self.finish(model, residual, tangent, noise)
+    }
+
+    fn linearise(&self, model: &Model) -> (Vec<f64>, DMatrix<f64>) {
+        let predicted = self.predict(model);
+        let tangent = self.tangent(model, &predicted);
+        (self.residual(&predicted), tangent)
+    }
+
+    fn finish(
+        &self,
+        model: Model,
+        residual: Vec<f64>,
+        tangent: DMatrix<f64>,
+        noise: Noise,
+    ) -> Fitted {
+        let white = self.whiten(&tangent, &noise);
+        let (covariance, rank) = least_squares::covariance(&white, 1e-9);
+        Fitted { model, residual, tangent, noise, covariance, rank }
+    }
+
+    fn first_noise(&self, model: &Model) -> Noise {
+        let (residual, tangent) = self.linearise(model);
+        let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
+        let tangent = self.space.split(&tangent);
+        let mut y = self.space.split(&column);
+        // The start is taken out linearly: it may be far from the data.
+        let basis = orthonormal(&tangent, 1e-9);
+        y -= &basis * basis.tr_mul(&y);
+        self.space.estimate(&tangent, &y, self.given_mm)
+    }
+
+    fn minimise(&self, model: Model, noise: &Noise, max_steps: usize) -> Model {
+        let start = DVector::from_vec(self.free(&model));
+        let options =
+            least_squares::Options { max_steps, relative_step: 1e-7, ..Default::default() };
+        let solution = least_squares::solve(start, options, |p| {
+            let trial = self.with_free(&model, p.as_slice());
+            let (residual, tangent) = self.linearise(&trial);
+            let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
+            let r = self.whiten(&column, noise).column(0).into_owned();
+            (r, -self.whiten(&tangent, noise))
+        });
+        self.with_free(&model, solution.parameters.as_slice())
+    }
+}

@@ -1,0 +1,224 @@
+//! The generic dictionary: shapes in each variable that compete with the library, so that an effect outside it is
+//! called unknown and described instead of being given the nearest name.
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::experiment::Layout;
+
+/// A shape in one variable.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Shape {
+    /// `order` cycles a turn (cosine and sine).
+    Harmonic(u32),
+    /// Legendre polynomial of this degree over the variable's range.
+    Power(u32),
+    /// A jump at this value.
+    Step(f64),
+    /// Any function: a level of its own for each of this many ranges of the variable.
+    Levels(usize),
+    /// A Gaussian bump at a value, with a standard deviation.
+    Bump(f64, f64),
+}
+
+/// A shape in one variable, seen along one direction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Term {
+    /// Index into the layout's directions.
+    pub direction: usize,
+    /// Index into the layout's variables.
+    pub variable: usize,
+    /// The shape.
+    pub shape: Shape,
+}
+
+/// Highest harmonic tried in an angle.
+const HARMONICS: u32 = 8;
+/// Highest polynomial degree tried.
+const DEGREES: u32 = 4;
+
+/// Most levels of a free function.
+const MOST_LEVELS: usize = 24;
+
+impl Term {
+    /// The columns, one per coefficient, for a unit of one millimetre.
+    pub fn columns(&self, layout: &Layout) -> DMatrix<f64> {
+        let x = &layout.variables[self.variable].values;
+        let along = &layout.directions[self.direction].factors;
+        let column = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            x.iter().zip(along).map(|(x, a)| if *a == 0.0 { 0.0 } else { a * f(*x) }).collect()
+        };
+        let columns = match self.shape {
+            Shape::Harmonic(k) => {
+                let k = f64::from(k);
+                vec![
+                    column(&|x| (k * x.to_radians()).cos()),
+                    column(&|x| (k * x.to_radians()).sin()),
+                ]
+            }
+            Shape::Power(k) => {
+                let (low, high) = range(x);
+                let half = ((high - low) / 2.0).max(1e-12);
+                vec![column(&|x| legendre(k, (x - (low + high) / 2.0) / half))]
+            }
+            Shape::Step(at) => vec![column(&|x| if x > at { 1.0 } else { 0.0 })],
+            Shape::Levels(count) => {
+                let edges = level_edges(x, count);
+                (1..count)
+                    .map(|level| {
+                        column(&|x| f64::from(u8::from(edges.partition_point(|e| *e < x) == level)))
+                    })
+                    .collect()
+            }
+            Shape::Bump(at, width) => {
+                let turn = layout.variables[self.variable].angle;
+                vec![column(&|x| {
+                    let mut d = x - at;
+                    if turn {
+                        d -= 360.0 * (d / 360.0).round();
+                    }
+                    (-0.5 * (d / width).powi(2)).exp()
+                })]
+            }
+        };
+        DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
+    }
+
+    /// A short name of the shape, for the JSON.
+    pub fn shape_name(&self) -> String {
+        match self.shape {
+            Shape::Harmonic(k) => format!("harmonic {k}"),
+            Shape::Power(1) => "linear".into(),
+            Shape::Power(k) => format!("polynomial {k}"),
+            Shape::Step(at) => format!("step at {at:.4}"),
+            Shape::Levels(count) => format!("irregular, {count} levels"),
+            Shape::Bump(at, width) => format!("bump at {at:.4} of width {width:.3}"),
+        }
+    }
+
+    /// What it says, for people.
+    pub fn text(&self, layout: &Layout, amplitude_mm: f64, u95_mm: f64) -> String {
+        let output = layout.directions[self.direction].name;
+        let variable = layout.variables[self.variable].name;
+        let size = format!("amplitude {amplitude_mm:.5} ± {u95_mm:.5} mm");
+        match self.shape {
+            Shape::Harmonic(k) => {
+                format!("{output} goes through {k} cycle(s) a turn of {variable}, {size}")
+            }
+            Shape::Power(k) => {
+                format!("{output} follows a polynomial of degree {k} in {variable}, {size}")
+            }
+            Shape::Step(at) => format!("{output} jumps at {variable} = {at:.4}, {size}"),
+            Shape::Levels(count) => {
+                format!(
+                    "{output} depends on {variable} in no simple shape ({count} levels), {size}"
+                )
+            }
+            Shape::Bump(at, width) => {
+                format!("{output} has a bump at {variable} = {at:.4} (width {width:.3}), {size}")
+            }
+        }
+    }
+}
+
+/// Every term worth trying on this layout.
+pub fn dictionary(layout: &Layout) -> Vec<Term> {
+    let mut terms = Vec::new();
+    for (direction, d) in layout.directions.iter().enumerate() {
+        for (variable, v) in layout.variables.iter().enumerate() {
+            // A place in the frame moves the edge only along the edge's normal.
+            if v.within && d.name != "radius" && layout.random.len() > 1 {
+                continue;
+            }
+            for shape in shapes(&v.values, v.angle) {
+                terms.push(Term { direction, variable, shape });
+            }
+        }
+    }
+    terms
+}
+
+/// Shapes that the distinct values of a variable can carry.
+pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
+    let mut distinct = values.to_vec();
+    distinct.sort_by(f64::total_cmp);
+    let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
+    let tolerance = 1e-6 * (high - low);
+    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    let count = distinct.len();
+    let mut shapes = Vec::new();
+    if count < 2 {
+        return shapes;
+    }
+    if angle {
+        let most = HARMONICS.min((count as u32).saturating_sub(1) / 2 + 1);
+        shapes.extend((1..=most).map(Shape::Harmonic));
+    }
+    let whole_turn = angle && high - low > 270.0;
+    if !whole_turn {
+        shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
+    }
+    if count >= 6 {
+        let spots = 12.min(count - 1);
+        for s in 0..spots {
+            let i = ((s as f64 + 0.5) / spots as f64 * (count - 1) as f64) as usize;
+            let i = i.min(count - 2);
+            shapes.push(Shape::Step(0.5 * (distinct[i] + distinct[i + 1])));
+        }
+    }
+    if count >= 8 && values.len() >= 60 {
+        shapes.push(Shape::Levels(count.min(MOST_LEVELS)));
+    }
+    if count >= 8 {
+        let spots = 16.min(count);
+        for width in [(high - low) / 20.0, (high - low) / 8.0] {
+            for s in 0..spots {
+                let i = (s as f64 / (spots - 1) as f64 * (count - 1) as f64).round() as usize;
+                shapes.push(Shape::Bump(distinct[i], width));
+            }
+        }
+    }
+    shapes
+}
+
+/// Upper edges of ranges that hold about as many distinct values each.
+fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
+    let mut distinct = values.to_vec();
+    distinct.sort_by(f64::total_cmp);
+    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
+    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    (1..count)
+        .map(|k| {
+            let i = (k * distinct.len() / count).clamp(1, distinct.len() - 1);
+            0.5 * (distinct[i - 1] + distinct[i])
+        })
+        .collect()
+}
+
+/// Smallest and largest value.
+pub fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
+}
+
+/// Legendre polynomial.
+pub fn legendre(degree: u32, x: f64) -> f64 {
+    let (mut a, mut b) = (1.0, x);
+    if degree == 0 {
+        return a;
+    }
+    for k in 1..degree {
+        let k = f64::from(k);
+        (a, b) = (b, ((2.0 * k + 1.0) * x * b - k * a) / (k + 1.0));
+    }
+    b
+}
+
+impl Shape {
+    /// Numbers chosen from a grid besides the coefficients.
+    pub fn places(self) -> usize {
+        match self {
+            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) => 0,
+            Self::Step(_) => 1,
+            Self::Bump(..) => 2,
+        }
+    }
+}

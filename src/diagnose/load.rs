@@ -1,0 +1,76 @@
+//! From files to an experiment, for `diagnose` and `simulate` alike.
+
+use std::path::PathBuf;
+
+use crate::camera::Calibration;
+use crate::diagnose::data::columns::ColumnsExperiment;
+use crate::diagnose::data::rod::RodExperiment;
+use crate::diagnose::data::rtcp::RtcpExperiment;
+use crate::diagnose::experiment::Experiment;
+use crate::error::{Error, Result};
+use crate::machine::{Head, Machine, Table};
+
+/// The kinds of data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Kind {
+    /// RTCP deviation vectors over B, C, direction, time, temperature
+    Rtcp,
+    /// Edge points of a check rod in pixels
+    Rod,
+    /// Ball bar length over B with Z linked
+    Ballbar,
+    /// Thermal error over position and temperatures
+    Thermal,
+    /// Burn test offsets over height, power, B, time
+    Burn,
+}
+
+/// Where an experiment comes from.
+#[derive(Debug, Clone)]
+pub struct Source {
+    /// The kind of data.
+    pub kind: Kind,
+    /// The data file.
+    pub data: PathBuf,
+    /// The machine file; needed for `rtcp` and `ballbar`.
+    pub model: Option<PathBuf>,
+    /// The calibration file; needed for `rod`.
+    pub calib: Option<PathBuf>,
+}
+
+impl Source {
+    /// The machine file, or an empty machine where none is given and none is needed.
+    pub fn machine(&self) -> Result<Machine> {
+        match &self.model {
+            Some(path) => Machine::read(path),
+            None if matches!(self.kind, Kind::Rtcp | Kind::Ballbar) => Err(Error::option(
+                "--model",
+                "is missing: the prediction needs the machine's geometry",
+                "give the machine.toml that the control's numbers stand in",
+            )),
+            None => Ok(Machine::head_b_table_c(Head::default(), Table::default())),
+        }
+    }
+
+    /// Reads everything.
+    pub fn load(&self, warnings: &mut Vec<String>) -> Result<Box<dyn Experiment>> {
+        let machine = self.machine()?;
+        Ok(match self.kind {
+            Kind::Rtcp => Box::new(RtcpExperiment::read(&self.data, &machine, warnings)?),
+            Kind::Rod => {
+                let calib = self.calib.as_ref().ok_or_else(|| {
+                    Error::option(
+                        "--calib",
+                        "is missing: edge points are in pixels",
+                        "give the camera's calibration file",
+                    )
+                })?;
+                let calibration = Calibration::read(calib)?;
+                Box::new(RodExperiment::read(&self.data, &calibration, Some(&machine), warnings)?)
+            }
+            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar(&self.data, &machine, warnings)?),
+            Kind::Thermal => Box::new(ColumnsExperiment::thermal(&self.data, &machine, warnings)?),
+            Kind::Burn => Box::new(ColumnsExperiment::burn(&self.data, &machine, warnings)?),
+        })
+    }
+}

@@ -1,0 +1,19 @@
+//! Diagnosis: where simulation and measurement part, what is missing, and the gap closing.
+
+pub mod classes;
+pub mod data;
+pub mod effects;
+pub mod experiment;
+pub mod fit;
+pub mod generic;
+pub mod holdout;
+pub mod load;
+pub mod model;
+pub mod noise;
+pub mod page;
+pub mod plan;
+pub mod report;
+pub mod run;
+pub mod score;
+pub mod select;
+pub mod tails;

@@ -1,0 +1,363 @@
+//! Noise: independent errors of each output plus random parts shared within a capture, by restricted maximum
+//! likelihood, and the whitening that follows from it.
+//!
+//! Within a capture V = σ² (I + Z D Zᵀ). Every column is first rotated into the span of Z and its complement, so that
+//! a change of D touches only a few rows per capture. The updates are the fixed-point form of the REML
+//! equations (Harville, "Maximum likelihood approaches to variance component estimation", 1977).
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::diagnose::experiment::Layout;
+use crate::diagnose::tails::ln_f_tail;
+
+/// Noise as estimated or given.
+#[derive(Debug, Clone)]
+pub struct Noise {
+    /// Standard deviation of each class of observations, mm.
+    pub sigma_mm: Vec<f64>,
+    /// Variance of each random component over `sigma_mm[0]`².
+    pub ratios: Vec<f64>,
+    /// Degrees of freedom behind the independent part; infinite where it was given.
+    pub dof: f64,
+}
+
+/// The rotated space in which the noise is (nearly) diagonal.
+#[derive(Debug, Clone)]
+pub struct Space {
+    groups: Vec<Group>,
+    classes: Vec<usize>,
+    keep: Vec<bool>,
+    /// Component of each random column.
+    components: Vec<usize>,
+}
+
+#[derive(Debug, Clone)]
+struct Group {
+    rows: Vec<usize>,
+    /// Orthonormal basis of the capture's random columns.
+    q: DMatrix<f64>,
+    /// Random columns in that basis.
+    r: DMatrix<f64>,
+}
+
+impl Space {
+    /// The space of a layout; observations that are not kept carry no weight.
+    pub fn new(layout: &Layout, keep: &[bool]) -> Self {
+        let mut rows = vec![Vec::new(); layout.group_count()];
+        for (i, &g) in layout.groups.iter().enumerate() {
+            if keep[i] {
+                rows[g].push(i);
+            }
+        }
+        let components: Vec<usize> =
+            layout.random.iter().enumerate().flat_map(|(c, cols)| vec![c; cols.len()]).collect();
+        let columns: Vec<&Vec<f64>> = layout.random.iter().flatten().collect();
+        let groups = rows
+            .into_iter()
+            .map(|rows| {
+                let z = DMatrix::from_fn(rows.len(), columns.len(), |i, c| columns[c][rows[i]]);
+                let q = orthonormal(&z, 1e-6);
+                let r = q.tr_mul(&z);
+                Group { rows, q, r }
+            })
+            .collect();
+        Self { groups, classes: layout.classes.clone(), keep: keep.to_vec(), components }
+    }
+
+    /// Number of kept observations.
+    pub fn observations(&self) -> usize {
+        self.keep.iter().filter(|k| **k).count()
+    }
+
+    fn random_count(&self) -> usize {
+        self.components.len()
+    }
+
+    /// Rows in front of the complement: one per capture and random column.
+    pub fn top(&self) -> usize {
+        self.groups.len() * self.random_count()
+    }
+
+    /// Whether an observation is used.
+    pub fn kept(&self, observation: usize) -> bool {
+        self.keep[observation]
+    }
+
+    /// Root mean square of the noise of one observation, shared parts included.
+    pub fn noise_rms_mm(&self, noise: &Noise) -> f64 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        for group in &self.groups {
+            for (k, &i) in group.rows.iter().enumerate() {
+                let z = group.q.row(k) * &group.r;
+                let shared: f64 =
+                    z.iter().zip(&self.components).map(|(z, &c)| z * z * noise.ratios[c]).sum();
+                sum += noise.sigma_mm[self.classes[i]].powi(2) * (1.0 + shared);
+                count += 1.0;
+            }
+        }
+        (sum / f64::max(count, 1.0)).sqrt()
+    }
+
+    /// Rows of split columns that belong to the captures that `wanted` picks.
+    pub fn rows_of(&self, wanted: &dyn Fn(usize) -> bool) -> Vec<usize> {
+        let (top, d) = (self.top(), self.random_count());
+        let mut rows = Vec::new();
+        for (g, group) in self.groups.iter().enumerate().filter(|(g, _)| wanted(*g)) {
+            rows.extend(g * d..(g + 1) * d);
+            rows.extend(group.rows.iter().map(|i| top + i));
+        }
+        rows
+    }
+
+    /// Rotates columns: `top()` rows of capture-level parts, then the remainder of each observation.
+    pub fn split(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let (top, d) = (self.top(), self.random_count());
+        let mut out = DMatrix::zeros(top + columns.nrows(), columns.ncols());
+        for c in 0..columns.ncols() {
+            for (g, group) in self.groups.iter().enumerate() {
+                let part = DVector::from_iterator(
+                    group.rows.len(),
+                    group.rows.iter().map(|&i| columns[(i, c)]),
+                );
+                let coefficients = group.q.tr_mul(&part);
+                let rest = &part - &group.q * &coefficients;
+                for k in 0..coefficients.len() {
+                    out[(g * d + k, c)] = coefficients[k];
+                }
+                for (k, &i) in group.rows.iter().enumerate() {
+                    out[(top + i, c)] = rest[k];
+                }
+            }
+        }
+        out
+    }
+
+    /// Scales split columns so that the noise has unit variance.
+    pub fn whiten(&self, split: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        let (top, n) = (self.top(), self.classes.len());
+        let mut out = split.clone();
+        let shared = self.whiten_top(&split.rows(0, top).into_owned(), noise);
+        out.rows_mut(0, top).copy_from(&shared);
+        let rest = self.whiten_rest(split.rows(top, n).into_owned(), noise);
+        out.rows_mut(top, n).copy_from(&rest);
+        out
+    }
+
+    /// Whitens the capture-level rows alone.
+    pub fn whiten_top(&self, top: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        let d = self.random_count();
+        let mut out = top.clone();
+        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
+            let Some(l) = self.factor(group, noise) else { continue };
+            let mut block = out.view_mut((g * d, 0), (group.q.ncols(), top.ncols()));
+            l.solve_lower_triangular_mut(&mut block);
+            block /= noise.sigma_mm[0];
+        }
+        out
+    }
+
+    /// Whitens the remainder of each observation.
+    pub fn whiten_rest(&self, mut rest: DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
+        for mut column in rest.column_iter_mut() {
+            for (v, &class) in column.iter_mut().zip(&self.classes) {
+                *v /= noise.sigma_mm[class];
+            }
+        }
+        rest
+    }
+
+    /// Lower Cholesky factor of I + R D Rᵀ.
+    fn factor(&self, group: &Group, noise: &Noise) -> Option<DMatrix<f64>> {
+        let k = group.q.ncols();
+        let mut m = DMatrix::identity(k, k);
+        for (c, &component) in self.components.iter().enumerate() {
+            let r = group.r.column(c);
+            m += r * r.transpose() * noise.ratios[component];
+        }
+        m.cholesky().map(|c| c.l())
+    }
+
+    /// Noise of residuals `y` after fitting the columns of `design` (both split). `given_mm` fixes the
+    /// independent part.
+    pub fn estimate(
+        &self,
+        design: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+        given_mm: Option<f64>,
+    ) -> Noise {
+        let class_count = self.classes.iter().copied().max().unwrap_or(0) + 1;
+        let component_count = self.components.iter().copied().max().map_or(0, |c| c + 1);
+        let n = self.observations();
+        let start = given_mm.unwrap_or_else(|| (y.norm_squared() / n.max(1) as f64).sqrt());
+        let start = if start > 0.0 { start } else { 1e-12 };
+        let mut noise = Noise {
+            sigma_mm: vec![start; class_count],
+            ratios: vec![0.1; component_count],
+            dof: f64::INFINITY,
+        };
+        for _ in 0..60 {
+            let step = self.update(design, y, given_mm, &mut noise);
+            if step < 1e-3 {
+                break;
+            }
+        }
+        noise
+    }
+
+    /// One fixed-point step; returns the largest relative change.
+    fn update(
+        &self,
+        design: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+        given_mm: Option<f64>,
+        noise: &mut Noise,
+    ) -> f64 {
+        let d = self.random_count();
+        let basis = orthonormal(&self.whiten(design, noise), 1e-9);
+        let mut e = self.whiten(y, noise);
+        e -= &basis * basis.tr_mul(&e);
+        let mut change: f64 = 0.0;
+        if given_mm.is_none() {
+            change = change.max(self.update_sigma(&basis, &e, noise));
+        }
+        // Zᵀ P y and tr(Zᵀ P Z), capture by capture, in units of σ.
+        let components = noise.ratios.len();
+        let (mut seen, mut expected) = (vec![0.0; components], vec![1e-300; components]);
+        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
+            let k = group.q.ncols();
+            let Some(l) = self.factor(group, noise) else { continue };
+            let Some(z) = l.solve_lower_triangular(&group.r) else { continue };
+            let part = e.view((g * d, 0), (k, 1));
+            let fixed = basis.view((g * d, 0), (k, basis.ncols()));
+            let score = z.tr_mul(&part);
+            let lost = z.tr_mul(&fixed);
+            for (c, &component) in self.components.iter().enumerate() {
+                seen[component] += score[(c, 0)] * score[(c, 0)];
+                expected[component] += z.column(c).norm_squared() - lost.row(c).norm_squared();
+            }
+        }
+        for (j, ratio) in noise.ratios.iter_mut().enumerate() {
+            let factor = (seen[j] / expected[j].max(1e-300)).clamp(0.02, 50.0);
+            let next = (*ratio * factor).clamp(1e-7, 1e9);
+            if next > 1e-5 {
+                change = change.max((next / *ratio - 1.0).abs());
+            }
+            *ratio = next;
+        }
+        change
+    }
+
+    /// Updates the independent part, pooling classes that do not differ.
+    fn update_sigma(&self, basis: &DMatrix<f64>, e: &DMatrix<f64>, noise: &mut Noise) -> f64 {
+        let top = self.top();
+        let classes = noise.sigma_mm.len();
+        let mut squares = vec![0.0; classes];
+        let mut dof = vec![0.0; classes];
+        for (i, &class) in self.classes.iter().enumerate().filter(|(i, _)| self.keep[*i]) {
+            squares[class] += e[(top + i, 0)].powi(2);
+            dof[class] += 1.0;
+            if classes > 1 {
+                dof[class] -= basis.row(top + i).norm_squared();
+            }
+        }
+        if classes == 1 {
+            squares[0] += e.rows(0, top).norm_squared();
+            dof[0] -= basis.ncols() as f64;
+        }
+        let old = noise.sigma_mm.clone();
+        let variance: Vec<f64> =
+            (0..classes).map(|c| squares[c] * old[c].powi(2) / dof[c].max(0.5)).collect();
+        let total_dof: f64 = dof.iter().sum::<f64>().max(0.5);
+        let pooled =
+            variance.iter().zip(&dof).map(|(v, d)| v * d.max(0.0)).sum::<f64>() / total_dof;
+        let differ = (0..classes).any(|a| {
+            (0..classes).any(|b| {
+                a != b
+                    && dof[a].min(dof[b]) > 5.0
+                    && variance[a] > variance[b]
+                    && ln_f_tail(variance[a] / variance[b], dof[a], dof[b]) < (1e-4_f64).ln()
+            })
+        });
+        let mut change: f64 = 0.0;
+        for c in 0..classes {
+            let next = if differ { variance[c] } else { pooled }.sqrt().max(1e-12);
+            change = change.max((next / old[c] - 1.0).abs());
+            noise.sigma_mm[c] = next;
+        }
+        noise.dof = total_dof;
+        change
+    }
+
+    /// How much of a whitened column lies in each random component, and in the complement (last).
+    pub fn shares(&self, top: nalgebra::DVectorView<f64>, rest_squared: f64) -> Vec<f64> {
+        let d = self.random_count();
+        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
+        let mut shares = vec![0.0; components + 1];
+        for (i, v) in top.iter().enumerate() {
+            shares[self.components[i % d]] += v * v;
+        }
+        shares[components] = rest_squared;
+        let total: f64 = shares.iter().sum::<f64>().max(1e-300);
+        shares.iter().map(|s| s / total).collect()
+    }
+
+    /// Dimension of each random component over all captures, and of the complement (last).
+    pub fn dimensions(&self) -> Vec<f64> {
+        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
+        let mut dimensions = vec![0.0; components + 1];
+        let mut used = 0.0;
+        for group in self.groups.iter().filter(|g| !g.rows.is_empty()) {
+            for &component in self.components.iter().take(group.q.ncols()) {
+                dimensions[component] += 1.0;
+                used += 1.0;
+            }
+        }
+        dimensions[components] = self.observations() as f64 - used;
+        dimensions
+    }
+
+    /// Capture-level residuals (whitened): one vector per capture with the component of each entry.
+    pub fn capture_parts(&self, whitened: &DMatrix<f64>) -> Vec<Vec<(usize, f64)>> {
+        let (top, d) = (self.top(), self.random_count());
+        self.groups
+            .iter()
+            .enumerate()
+            .map(|(g, group)| {
+                if d > 0 {
+                    (0..group.q.ncols())
+                        .map(|k| (self.components[k], whitened[(g * d + k, 0)]))
+                        .collect()
+                } else {
+                    group.rows.iter().map(|&i| (self.classes[i], whitened[(top + i, 0)])).collect()
+                }
+            })
+            .collect()
+    }
+}
+
+/// An orthonormal basis of the columns; columns that lose all but `tolerance` of their length are dropped.
+pub fn orthonormal(columns: &DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
+    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
+    for c in 0..columns.ncols() {
+        let mut v: DVector<f64> = columns.column(c).into_owned();
+        let before = v.norm();
+        if !(before.is_finite() && before > 0.0) {
+            continue;
+        }
+        // Twice is enough (Kahan; Parlett).
+        for _ in 0..2 {
+            for b in &basis {
+                let along = b.dot(&v);
+                v.axpy(-along, b, 1.0);
+            }
+        }
+        let after = v.norm();
+        if after > tolerance * before {
+            basis.push(v / after);
+        }
+    }
+    if basis.is_empty() {
+        return DMatrix::zeros(columns.nrows(), 0);
+    }
+    DMatrix::from_columns(&basis)
+}

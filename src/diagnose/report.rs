@@ -1,0 +1,162 @@
+//! The answer: verdict, named effects with their rivals, what has no name, and the gap before and after.
+
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+use crate::diagnose::experiment::PlannedCapture;
+
+/// What the diagnosis says as a whole.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// Nothing is missing.
+    Consistent,
+    /// Named effects explain all of the gap.
+    Named,
+    /// Named effects were found, and more remains.
+    Partly,
+    /// Something is missing that is not in the library.
+    Unknown,
+}
+
+impl Verdict {
+    /// The word used in every output.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Consistent => "consistent",
+            Self::Named => "named",
+            Self::Partly => "partly",
+            Self::Unknown => "unknown",
+        }
+    }
+}
+
+/// A named effect.
+#[derive(Debug, Clone, Serialize)]
+pub struct NamedEffect {
+    /// The library's name.
+    pub name: String,
+    /// What is wrong with the machine.
+    pub meaning: String,
+    /// Names that fit as well on this design.
+    pub confusable_with: Vec<String>,
+    /// Parameters with their units in their names.
+    pub parameters: BTreeMap<String, f64>,
+    /// Half-widths of their 95 % intervals.
+    pub parameters_u95: BTreeMap<String, f64>,
+    /// Share of the gap's mean square.
+    pub share_percent: f64,
+    /// Chance of as much evidence from noise.
+    pub p_value: f64,
+    /// Probability among the names of its class, from likelihood alone.
+    pub weight: f64,
+    /// Whether its form was corrected beyond the library's forms, and over what.
+    pub form_corrected_over: Vec<String>,
+}
+
+/// Something without a name.
+#[derive(Debug, Clone, Serialize)]
+pub struct Unnamed {
+    /// The output it shows in.
+    pub output: String,
+    /// The variable it follows.
+    pub versus: String,
+    /// Its shape.
+    pub shape: String,
+    /// Its amplitude.
+    pub amplitude_mm: f64,
+    /// The same in words.
+    pub text: String,
+}
+
+/// Root mean squares before and after, on the fitted data and on captures held out.
+#[derive(Debug, Clone, Default, Serialize)]
+#[allow(missing_docs)]
+pub struct Gap {
+    pub before_rms_mm: f64,
+    pub after_rms_mm: f64,
+    pub heldout_before_rms_mm: f64,
+    pub heldout_after_rms_mm: f64,
+    pub noise_rms_mm: f64,
+}
+
+/// Where simulation and data disagree.
+#[derive(Debug, Clone, Serialize)]
+#[allow(missing_docs)]
+pub struct Where {
+    pub output: String,
+    pub versus: String,
+    pub from: f64,
+    pub to: f64,
+    pub rms_mm: f64,
+}
+
+/// What to capture next, and what it would tell apart.
+#[derive(Debug, Clone, Serialize)]
+pub struct NextMeasurement {
+    /// Names it tells apart.
+    pub separates: Vec<String>,
+    /// The captures.
+    pub captures: Vec<PlannedCapture>,
+    /// The same in words.
+    pub text: String,
+}
+
+/// What each effect's smallest visible size is on this plan.
+#[derive(Debug, Clone, Serialize)]
+pub struct Detectable {
+    /// The library's name.
+    pub name: String,
+    /// Why it cannot be tested, if so.
+    pub untestable: Option<String>,
+    /// Smallest size seen with 95 % probability, per parameter of the simplest form.
+    pub least: BTreeMap<String, f64>,
+    /// Names whose signatures coincide (correlation over 0.98) on this plan.
+    pub aliases: Vec<String>,
+}
+
+/// The whole answer.
+#[derive(Debug, Clone, Serialize)]
+pub struct Report {
+    /// What kind of data.
+    pub kind: String,
+    /// What the diagnosis says.
+    pub verdict: Verdict,
+    /// Standard deviation of an observation.
+    pub noise_mm: f64,
+    /// Where the noise figure comes from.
+    pub noise_source: String,
+    /// Captures, and values used.
+    pub captures: usize,
+    /// Values measured.
+    pub observations: usize,
+    /// Named effects, strongest first.
+    pub effects: Vec<NamedEffect>,
+    /// What has no name.
+    pub unnamed: Vec<Unnamed>,
+    /// The gap.
+    pub gap: Gap,
+    /// Where simulation and data disagree most.
+    #[serde(rename = "where")]
+    pub places: Vec<Where>,
+    /// What to capture next to tell confusable effects apart.
+    pub next_measurement: Option<NextMeasurement>,
+    /// Rows set aside as outliers, by number from 0.
+    pub outliers: Vec<usize>,
+    /// Effects that could not be tested, with the reason.
+    pub untested: Vec<(String, String)>,
+    /// p-value of the lack of fit that remains, where it can be tested.
+    pub lack_of_fit_p: Option<f64>,
+    /// Before and after, for plots: index of observation, residual before, residual after, mm.
+    #[serde(skip)]
+    pub residuals: Residuals,
+}
+
+/// Residuals for plots.
+#[derive(Debug, Clone, Default)]
+pub struct Residuals {
+    /// With the baseline alone.
+    pub before_mm: Vec<f64>,
+    /// With the named effects.
+    pub after_mm: Vec<f64>,
+}

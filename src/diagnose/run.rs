@@ -1,0 +1,393 @@
+//! From an experiment to the answer: outliers, selection, lack of fit, naming rules, gap.
+
+use std::collections::BTreeMap;
+
+use nalgebra::DMatrix;
+
+use crate::diagnose::classes::rivals;
+use crate::diagnose::experiment::{Experiment, Layout};
+use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
+use crate::diagnose::generic::range;
+use crate::diagnose::holdout::held_out_rms;
+use crate::diagnose::noise::Space;
+use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
+use crate::diagnose::score::{Part, contribution};
+use crate::diagnose::select::{Selection, select, without};
+use crate::diagnose::tails::{chi2_quantile, ln_chi2_tail, ln_f_tail};
+use crate::error::{Error, Result};
+use crate::uncertainty::k95;
+
+/// How to diagnose.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Standard deviation of an observation, where it is known, mm.
+    pub noise_mm: Option<f64>,
+}
+
+/// p-value under which a lack of fit is said to exist.
+const LACK_OF_FIT_P: f64 = 1e-3;
+/// Least number of captures or poses worth a diagnosis.
+const LEAST_CAPTURES: usize = 8;
+/// Largest part of the observations that may be set aside as outliers.
+const MOST_OUTLIERS: f64 = 0.03;
+
+impl Options {
+    fn check(&self) -> Result<()> {
+        match self.noise_mm {
+            Some(s) if !(s.is_finite() && s > 0.0) => Err(Error::option(
+                "--noise-mm",
+                format!("is {s}"),
+                "give the standard deviation of one value in mm, above zero",
+            )),
+            _ => Ok(()),
+        }
+    }
+}
+
+/// A diagnosis with everything the report, the model file and the next measurement are made from.
+pub struct Diagnosis<'a> {
+    /// The answer.
+    pub report: Report,
+    /// The selection behind it.
+    pub selection: Selection,
+    /// The fitter behind it.
+    pub fitter: Fitter<'a>,
+}
+
+/// Diagnoses one experiment.
+pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result<Diagnosis<'a>> {
+    options.check()?;
+    let layout = experiment.layout();
+    let n = layout.values.len();
+    let mut keep = vec![true; n];
+    let mut outliers = Vec::new();
+    if layout.group_count() < LEAST_CAPTURES {
+        return Err(Error::measure(
+            experiment.kind(),
+            format!("{} captures are too few to tell anything from noise", layout.group_count()),
+            format!("give at least {LEAST_CAPTURES}; a sound design has 40 or more"),
+        ));
+    }
+    let spread = range(&layout.values);
+    if spread.1 - spread.0 <= 0.0 && spread.0 == 0.0 {
+        return Err(Error::measure(
+            experiment.kind(),
+            "all measured values are zero: this is a plan, not a measurement",
+            "give the measured columns, or use --plan-only",
+        ));
+    }
+    let run = |keep: &[bool]| {
+        let fitter =
+            Fitter { experiment, space: Space::new(layout, keep), given_mm: options.noise_mm };
+        let selection = select(&fitter);
+        (fitter, selection)
+    };
+    let (mut fitter, mut selection) = run(&keep);
+    for _ in 0..2 {
+        let found = find_outliers(&fitter, &selection.fitted, layout);
+        if found.is_empty()
+            || (outliers.len() + found.len()) as f64 > MOST_OUTLIERS * n as f64 + 1.0
+        {
+            break;
+        }
+        for i in found {
+            keep[i] = false;
+            outliers.push(i);
+        }
+        (fitter, selection) = run(&keep);
+    }
+    outliers.sort_unstable();
+    let report = build(&fitter, &selection, outliers);
+    Ok(Diagnosis { report, selection, fitter })
+}
+
+/// Observations that even the largest model cannot explain: beyond a 0.1 % chance in the whole set.
+fn find_outliers(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
+    let n = layout.values.len();
+    let limit = chi2_quantile((1e-3 / n as f64).ln(), 1.0).sqrt();
+    let column = DMatrix::from_column_slice(n, 1, &f.residual);
+    let white = fitter.whiten(&column, &f.noise);
+    let top = fitter.space.top();
+    let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)]).collect();
+    let mut sizes: Vec<f64> =
+        (0..n).filter(|i| fitter.space.kept(*i)).map(|i| rest[i].abs()).collect();
+    if sizes.is_empty() {
+        return Vec::new();
+    }
+    sizes.sort_by(f64::total_cmp);
+    // A robust scale: outliers must not hide in the noise they made.
+    let scale = (sizes[sizes.len() / 2] / 0.6745).clamp(1e-9, 1.0);
+    (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > 1.1 * limit * scale).collect()
+}
+
+/// p-value of a remaining lack of fit: against given noise, or against repeats.
+fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
+    let layout = fitter.experiment.layout();
+    let n = f.residual.len();
+    let column = DMatrix::from_column_slice(n, 1, &f.residual);
+    let white = fitter.whiten(&column, &f.noise);
+    let top = fitter.space.top();
+    let mut ln_p: Option<f64> = None;
+    let mut tests = 0.0;
+    if fitter.given_mm.is_some() {
+        let dof = fitter.space.observations() as f64 - top as f64 - f.rank as f64;
+        if dof >= 1.0 {
+            tests += 1.0;
+            ln_p = Some(ln_chi2_tail(white.rows(top, n).norm_squared(), dof));
+        }
+    }
+    // Spread of captures of the same site against the spread of sites.
+    let parts = fitter.space.capture_parts(&white);
+    let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
+    let per_kind = if layout.random.is_empty() { 1 } else { kinds };
+    for kind in 0..per_kind {
+        let mut by_site: BTreeMap<usize, Vec<Vec<f64>>> = BTreeMap::new();
+        for (g, part) in parts.iter().enumerate() {
+            let v: Vec<f64> =
+                part.iter().filter(|(k, _)| per_kind == 1 || *k == kind).map(|(_, x)| *x).collect();
+            by_site.entry(layout.sites[g]).or_default().push(v);
+        }
+        let (mut within, mut within_dof, mut all, mut count) = (0.0, 0.0, 0.0, 0.0);
+        for set in by_site.values() {
+            let width = set[0].len();
+            let same: Vec<&Vec<f64>> = set.iter().filter(|v| v.len() == width).collect();
+            for k in 0..width {
+                let mean = same.iter().map(|v| v[k]).sum::<f64>() / same.len() as f64;
+                within += same.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>();
+                within_dof += same.len() as f64 - 1.0;
+                all += same.iter().map(|v| v[k] * v[k]).sum::<f64>();
+                count += same.len() as f64;
+            }
+        }
+        let used = f.rank as f64 * count / fitter.space.observations().max(1) as f64;
+        let used = if layout.random.is_empty() { used } else { 0.0 };
+        let between_dof = count - used - within_dof;
+        if within_dof < 6.0 || between_dof < 3.0 || within <= 0.0 {
+            continue;
+        }
+        tests += 1.0;
+        let ratio = ((all - within) / between_dof) / (within / within_dof);
+        let p = ln_f_tail(ratio, between_dof, within_dof);
+        ln_p = Some(ln_p.map_or(p, |q| q.min(p)));
+    }
+    ln_p.map(|p| (p + f64::ln(f64::max(tests, 1.0))).min(0.0).exp())
+}
+
+fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
+    let layout = fitter.experiment.layout();
+    let f = &s.fitted;
+    let named_model = Model {
+        extras: f
+            .model
+            .extras
+            .iter()
+            .filter(|e| matches!(e.kind, Extra::Form { .. }))
+            .cloned()
+            .collect(),
+        ..f.model.clone()
+    };
+    let generic_count = f.model.extras.len() - named_model.extras.len();
+    let named =
+        if generic_count == 0 { f.clone() } else { fitter.fit(named_model, Some(&f.noise)) };
+    let p = lack_of_fit(fitter, f);
+    let lacking = p.is_some_and(|p| p < LACK_OF_FIT_P);
+    let remains = generic_count > 0 || lacking;
+    let verdict = match (f.model.active.is_empty(), remains) {
+        (true, false) => Verdict::Consistent,
+        (true, true) => Verdict::Unknown,
+        (false, false) => Verdict::Named,
+        (false, true) => Verdict::Partly,
+    };
+    let mut unnamed = unnamed(fitter, f, layout);
+    if lacking && generic_count == 0 {
+        unnamed.push(unstructured(fitter, f));
+    }
+    let rms = |r: &[f64]| {
+        let kept: Vec<f64> =
+            (0..r.len()).filter(|i| fitter.space.kept(*i)).map(|i| r[i] * r[i]).collect();
+        (kept.iter().sum::<f64>() / kept.len().max(1) as f64).sqrt()
+    };
+    let gap = Gap {
+        before_rms_mm: rms(&s.baseline.residual),
+        after_rms_mm: rms(&named.residual),
+        heldout_before_rms_mm: held_out_rms(fitter, &s.baseline),
+        heldout_after_rms_mm: held_out_rms(fitter, &named),
+        noise_rms_mm: fitter.space.noise_rms_mm(&f.noise),
+    };
+    let untested = fitter
+        .experiment
+        .effects()
+        .iter()
+        .filter_map(|e| e.untestable.as_ref().map(|why| (e.name.to_string(), why.clone())))
+        .collect();
+    Report {
+        kind: fitter.experiment.kind().into(),
+        verdict,
+        noise_mm: f.noise.sigma_mm.iter().sum::<f64>() / f.noise.sigma_mm.len() as f64,
+        noise_source: noise_source(fitter, layout),
+        captures: layout.group_count(),
+        observations: layout.values.len(),
+        effects: named_effects(fitter, s),
+        unnamed,
+        gap,
+        places: places(fitter, &s.baseline, layout),
+        next_measurement: None,
+        outliers,
+        untested,
+        lack_of_fit_p: p,
+        residuals: Residuals {
+            before_mm: s.baseline.residual.clone(),
+            after_mm: named.residual.clone(),
+        },
+    }
+}
+
+fn noise_source(fitter: &Fitter, layout: &Layout) -> String {
+    let mut seen = vec![0usize; layout.sites.iter().max().map_or(0, |m| m + 1)];
+    layout.sites.iter().for_each(|s| seen[*s] += 1);
+    let repeats: usize = seen.iter().map(|c| c.saturating_sub(1)).sum();
+    match (fitter.given_mm, repeats) {
+        (Some(_), _) => "given".into(),
+        (None, 0) => "what the model leaves; no repeats to check it against".into(),
+        (None, r) => format!("what the model leaves, checked against {r} repeated captures"),
+    }
+}
+
+fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
+    let f = &s.fitted;
+    let layout = fitter.experiment.layout();
+    let offsets = fitter.offsets(&f.model);
+    let k = k95(f.noise.dof);
+    let classes = rivals(fitter, s);
+    let gap = &s.baseline.residual;
+    let gap2: f64 = gap.iter().map(|v| v * v).sum::<f64>().max(1e-300);
+    let effects = fitter.experiment.effects();
+    let mut named: Vec<NamedEffect> = f
+        .model
+        .active
+        .iter()
+        .enumerate()
+        .map(|(i, a)| {
+            let info = &effects[a.effect];
+            let (mut parameters, mut u95) = (BTreeMap::new(), BTreeMap::new());
+            let mut at = offsets[i];
+            for (p, v) in info.forms[a.form].iter().zip(&a.values) {
+                parameters.insert(p.name.to_string(), *v);
+                if !p.is_switch() {
+                    u95.insert(p.name.to_string(), k * f.covariance[(at, at)].max(0.0).sqrt());
+                    at += 1;
+                }
+            }
+            let c = contribution(fitter, &f.model, Part::Effect(i));
+            let along: f64 = c.iter().zip(gap).map(|(a, b)| a * b).sum();
+            let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
+            let total: f64 = 1.0 + classes[i].iter().map(|r| (-r.deficit).exp()).sum::<f64>();
+            let form_corrected_over = f
+                .model
+                .extras
+                .iter()
+                .filter_map(|e| match e.kind {
+                    Extra::Form { effect, variable } if effect == a.effect => {
+                        Some(layout.variables[variable].name.to_owned())
+                    }
+                    _ => None,
+                })
+                .collect();
+            NamedEffect {
+                name: info.name.to_string(),
+                meaning: info.meaning.to_string(),
+                confusable_with: classes[i]
+                    .iter()
+                    .map(|r| effects[r.effect].name.to_string())
+                    .collect(),
+                parameters,
+                parameters_u95: u95,
+                share_percent: (100.0 * along / gap2).clamp(0.0, 100.0),
+                p_value: (ln_p + s.library_tests.ln()).min(0.0).exp(),
+                weight: 1.0 / total,
+                form_corrected_over,
+            }
+        })
+        .collect();
+    named.sort_by(|a, b| b.share_percent.total_cmp(&a.share_percent));
+    named
+}
+
+fn unnamed(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Unnamed> {
+    let offsets = fitter.offsets(&f.model);
+    let k = k95(f.noise.dof);
+    f.model
+        .extras
+        .iter()
+        .enumerate()
+        .filter_map(|(i, e)| {
+            let Extra::Generic(term) = &e.kind else { return None };
+            let amplitude = e.values.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let at = offsets[f.model.active.len() + i];
+            let variance =
+                (0..e.values.len()).map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
+            Some(Unnamed {
+                output: layout.directions[term.direction].name.into(),
+                versus: layout.variables[term.variable].name.into(),
+                shape: term.shape_name(),
+                amplitude_mm: amplitude,
+                text: term.text(layout, amplitude, k * variance.sqrt()),
+            })
+        })
+        .collect()
+}
+
+/// Where an unstructured remainder is largest.
+fn unstructured(fitter: &Fitter, f: &Fitted) -> Unnamed {
+    let worst = places(fitter, f, fitter.experiment.layout()).into_iter().next();
+    let (output, versus, amplitude_mm) =
+        worst.map_or((String::new(), String::new(), 0.0), |w| (w.output, w.versus, w.rms_mm));
+    let text = format!(
+        "captures scatter more than the noise allows, in no shape of the dictionary; most in {output} over {versus}"
+    );
+    Unnamed { output, versus, shape: "unstructured".into(), amplitude_mm, text }
+}
+
+/// The ranges in which the residuals exceed the noise most: eight bins of each variable, each output.
+fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
+    const BINS: usize = 8;
+    let mut found: Vec<(f64, Where)> = Vec::new();
+    for d in &layout.directions {
+        for v in &layout.variables {
+            let (low, high) = range(&v.values);
+            if high <= low {
+                continue;
+            }
+            let width = (high - low) / BINS as f64;
+            for b in 0..BINS {
+                let (from, to) = (low + width * b as f64, low + width * (b + 1) as f64);
+                let (mut sum, mut weight) = (0.0, 0.0);
+                for i in 0..f.residual.len() {
+                    let last = b + 1 == BINS && v.values[i] == high;
+                    if fitter.space.kept(i) && v.values[i] >= from && (v.values[i] < to || last) {
+                        let share = d.factors[i] * d.factors[i];
+                        sum += share * f.residual[i].powi(2);
+                        weight += share;
+                    }
+                }
+                if weight < 2.0 {
+                    continue;
+                }
+                let rms_mm = (sum / weight).sqrt();
+                let excess = rms_mm / f.noise.sigma_mm[0].max(1e-12);
+                found.push((
+                    excess * weight.sqrt().min(5.0),
+                    Where { output: d.name.into(), versus: v.name.into(), from, to, rms_mm },
+                ));
+            }
+        }
+    }
+    found.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let mut seen = std::collections::HashSet::new();
+    found
+        .into_iter()
+        .map(|(_, w)| w)
+        .filter(|w| seen.insert((w.output.clone(), w.versus.clone())))
+        .take(6)
+        .collect()
+}

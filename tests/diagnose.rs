@@ -1,0 +1,170 @@
+//! Diagnosis from files: simulate, hide, diagnose, correct the model, simulate again; and what bad input is told.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+const MACHINE: &str = "schema = 1\n[head]\ndelta_x_mm = 0.283\nr_mm = 214.7\n[target]\nposition_mm = [80.0, 0.0, 100.0]\n";
+
+fn run(arguments: &[&str], folder: &Path) -> std::process::Output {
+    let mut command = Command::cargo_bin("pivotsight").unwrap();
+    command.current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn json(arguments: &[&str], folder: &Path) -> Value {
+    let output = run(arguments, folder);
+    let problem = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{problem}");
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// A sweep in scrambled order with both directions.
+fn plan(folder: &Path) {
+    let mut csv = String::from("b_deg,c_deg,dir_b,dir_c,t_s,temp_c\n");
+    for k in 0..156 {
+        let i = k * 61 % 156;
+        let (b, c) = ((i / 12) as f64 * 15.0 - 90.0, (i % 12) as f64 * 31.0 + (i % 5) as f64);
+        let side = |n: usize| if (k * n / 7).is_multiple_of(2) { 1 } else { -1 };
+        let (t, temp) = (25.0 * k as f64, 20.0 + 4.0 * (1.0 - (-(k as f64) / 70.0).exp()));
+        writeln!(csv, "{b},{c},{},{},{t},{temp:.3}", side(3), side(5)).unwrap();
+    }
+    std::fs::write(folder.join("plan.csv"), csv).unwrap();
+    std::fs::write(folder.join("machine.toml"), MACHINE).unwrap();
+}
+
+fn simulate(effects: &str, folder: &Path) {
+    std::fs::write(folder.join("truth.toml"), format!("{MACHINE}{effects}")).unwrap();
+    let arguments = [
+        "simulate",
+        "rtcp",
+        "--model",
+        "truth.toml",
+        "--data",
+        "plan.csv",
+        "--noise-mm",
+        "0.002",
+        "--format",
+        "csv",
+        "--out",
+        "data.csv",
+    ];
+    let output = run(&arguments, folder);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+const DIAGNOSE: [&str; 8] =
+    ["diagnose", "rtcp", "--model", "machine.toml", "--data", "data.csv", "--format", "json"];
+
+#[test]
+fn two_effects_are_named_and_the_corrected_model_is_consistent() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    simulate(
+        "[[effects]]\nname = \"b-backlash\"\nparameters = { width_deg = 0.0042 }\n\
+         [[effects]]\nname = \"c-axis-tilt-x\"\nparameters = { tilt_deg = 0.006 }\n",
+        folder,
+    );
+    let arguments = [&DIAGNOSE[..], &["--write-model", "found.toml", "--report", "page"]].concat();
+    let report = json(&arguments, folder);
+    assert_eq!(report["schema"], "pivotsight.diagnose/1");
+    assert_eq!(report["verdict"], "named");
+    let effects = report["effects"].as_array().unwrap();
+    assert_eq!(effects.len(), 2, "{effects:?}");
+    let backlash = effects.iter().find(|e| e["name"] == "b-backlash").unwrap();
+    let width = backlash["parameters"]["width_deg"].as_f64().unwrap();
+    let u95 = backlash["parameters_u95"]["width_deg"].as_f64().unwrap();
+    assert!((width - 0.0042).abs() < 1.6 * u95 && u95 < 4e-4, "{width} ± {u95}");
+    let gap = |key: &str| report["gap"][key].as_f64().unwrap();
+    assert!(gap("heldout_after_rms_mm") < 0.5 * gap("heldout_before_rms_mm"));
+    assert!((gap("heldout_after_rms_mm") / gap("noise_rms_mm") - 1.0).abs() < 0.1);
+    let page = std::fs::read_to_string(folder.join("page/index.html")).unwrap();
+    assert!(page.contains("b-backlash") && page.contains("<svg"));
+    let mut again = DIAGNOSE;
+    again[3] = "found.toml";
+    assert_eq!(json(&again, folder)["verdict"], "consistent");
+}
+
+#[test]
+fn nothing_hidden_is_consistent() {
+    let folder = tempfile::tempdir().unwrap();
+    plan(folder.path());
+    simulate("", folder.path());
+    let report = json(&DIAGNOSE, folder.path());
+    assert_eq!(report["verdict"], "consistent");
+    assert_eq!(report["effects"].as_array().unwrap().len(), 0);
+    assert!((report["noise_mm"].as_f64().unwrap() / 0.002 - 1.0).abs() < 0.1);
+}
+
+#[test]
+fn a_shape_outside_the_library_gets_no_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    simulate("", folder);
+    let text = std::fs::read_to_string(folder.join("data.csv")).unwrap();
+    let mut lines = text.lines();
+    let mut csv = format!("{}\n", lines.next().unwrap());
+    for line in lines {
+        let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+        let c: f64 = cells[1].parse().unwrap();
+        let dz: f64 = cells[8].parse().unwrap();
+        cells[8] = (dz + 0.004 * (6.0 * c.to_radians()).sin()).to_string();
+        writeln!(csv, "{}", cells.join(",")).unwrap();
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = json(&DIAGNOSE, folder);
+    assert_eq!(report["verdict"], "unknown");
+    assert_eq!(report["unnamed"][0]["output"], "dz_mm");
+    assert_eq!(report["unnamed"][0]["versus"], "c_deg");
+}
+
+#[test]
+fn bad_input_is_told_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    let few = "b_deg,c_deg,dx_mm,dy_mm,dz_mm\n0,0,0.1,0,0\n10,0,0,0.1,0\n";
+    let radians: String = (0..40)
+        .map(|k| {
+            format!(
+                "{:.4},{:.4},{},0.001,0.002\n",
+                0.07 * k as f64 - 1.4,
+                0.15 * k as f64,
+                1e-3 * (k % 3) as f64
+            )
+        })
+        .collect();
+    for (name, text, code, words) in [
+        ("few.csv", few.to_owned(), 2, "too few"),
+        ("nan.csv", few.replace("0.1", "NaN"), 2, "not finite"),
+        ("column.csv", few.replace("dx_mm", "dx_um"), 2, "dx_um"),
+        ("way.csv", "b_deg,c_deg,dir_b\n0,0,3\n".to_owned(), 2, "direction"),
+        ("radians.csv", format!("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n{radians}"), 0, "radians"),
+    ] {
+        std::fs::write(folder.join(name), text).unwrap();
+        let output = run(&["diagnose", "rtcp", "--model", "machine.toml", "--data", name], folder);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(code), "{name}: {said}");
+        assert!(said.contains(words), "{name}: {said}");
+    }
+    let output =
+        run(&["diagnose", "rtcp", "--model", "machine.toml", "--data", "plan.csv"], folder);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("--plan-only"));
+    let plan = [
+        "diagnose",
+        "rtcp",
+        "--model",
+        "machine.toml",
+        "--data",
+        "plan.csv",
+        "--plan-only",
+        "--noise-mm",
+        "0.002",
+        "--format",
+        "json",
+    ];
+    assert_eq!(json(&plan, folder)["detectable"].as_array().unwrap().len(), 24);
+}
