@@ -10,6 +10,15 @@ use crate::error::{Error, Result};
 /// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
 pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
     let path = path.as_ref();
+<<<<<<< HEAD
+    write_whole_with(path, |w| w.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
+}
+
+/// As [`write_whole`], for what is too large to hold: `fill` writes it piece by piece.
+pub fn write_whole_with(
+    path: &Path,
+    fill: impl FnOnce(&mut dyn Write) -> Result<()>,
+=======
     write_streamed(path, |file| file.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
 }
 
@@ -17,6 +26,7 @@ pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
 pub fn write_streamed(
     path: &Path,
     fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
+>>>>>>> main
 ) -> Result<()> {
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
@@ -32,7 +42,14 @@ pub fn write_streamed(
     let failed = |e: std::io::Error| Error::io(path, "write", e);
     let mut file =
         tempfile::Builder::new().prefix(".pivotsight-").tempfile_in(folder).map_err(failed)?;
+<<<<<<< HEAD
+    let mut buffered = std::io::BufWriter::with_capacity(1 << 18, &mut file);
+    fill(&mut buffered)?;
+    buffered.flush().map_err(failed)?;
+    drop(buffered);
+=======
     fill(file.as_file_mut())?;
+>>>>>>> main
     file.as_file().sync_all().map_err(failed)?;
     #[cfg(unix)]
     {

@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod align;
 mod ballbar;
 mod batch;
 mod config;
@@ -84,6 +85,9 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Align(align::Args),
+    Diagnose(diagnose::Args),
+    Render(render::Args),
     Ballbar(ballbar::Args),
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
@@ -184,6 +188,9 @@ fn takes_out(command: &Command) -> bool {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Align(args) => align::run(args, global),
+        Command::Diagnose(args) => diagnose::run(args, global),
+        Command::Render(args) => render::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
