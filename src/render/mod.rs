@@ -18,6 +18,7 @@ mod surface;
 
 pub use burn::BurnScene;
 pub use draw::Draw;
+pub(crate) use draw::stream_rng;
 pub use picture::Picture;
 pub use rod::RodScene;
 pub use scene::Preset;

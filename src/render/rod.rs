@@ -16,6 +16,7 @@ use super::scene::{AsScene, Preset, parse, read};
 use super::surface::{Glare, Light, Metal, Specks, Surface};
 use crate::camera::View;
 use crate::error::Result;
+use crate::output::write_whole;
 
 /// A rod's scene file: every number fixed or drawn ([`Draw`]).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -204,6 +205,23 @@ pub struct RenderedRod {
     pub truth: RodTruth,
 }
 
+impl RenderedRod {
+    /// Writes the pictures as `NAME-01.png` and so on, and the captures table `NAME.csv`, whose name is handed
+    /// back.
+    pub fn write(&self, folder: &Path, name: &str) -> Result<String> {
+        let mut table = String::from("image,x_mm,y_mm,c_deg\n");
+        for (i, capture) in self.captures.iter().enumerate() {
+            let image = format!("{name}-{:02}.png", i + 1);
+            capture.picture.write_png(folder.join(&image))?;
+            let [x, y] = capture.machine_mm;
+            table += &format!("{image},{x:.3},{y:.3},{}\n", capture.c_deg);
+        }
+        let file = format!("{name}.csv");
+        write_whole(folder.join(&file), table.as_bytes())?;
+        Ok(file)
+    }
+}
+
 impl AsScene for RodScene {
     const KIND: &'static str = "rod";
     fn header(&self) -> (u32, &str) {
@@ -356,7 +374,8 @@ impl Shape {
             form_mm: Around::ragged(&mut dice.rng, rms, length, radius_mm),
             fade: Fade::new(softness, Profile::Gaussian),
         };
-        let (outer, face) = (contour(radius), contour(radius - chamfer));
+        let outer = contour(radius);
+        let face = if chamfer > 0.0 { contour(radius - chamfer) } else { outer.clone() };
         let light = dice.roll("rod.light_deg", &rod.light_deg, -360.0..=360.0)?.to_radians();
         Ok(Self {
             metal: scene.surface.metal(dice)?,
@@ -469,12 +488,15 @@ impl Scene for Sight<'_> {
         let on_face = rod.face.inside(r, angle, sample);
         // Cosine of the angle between this place on the rim and the light.
         let facing = d.dot(&rod.light) / r.max(1e-9);
-        let mut value = ground.table * (1.0 - rod.shadow * self.shadow(r, facing));
+        let table = ground.table * (1.0 - rod.shadow * self.shadow(r, facing));
+        let mut value = table;
         if on_rod > 0.0 {
             let lit = (0.5 + 0.5 * facing).powi(2);
             let chamfer = rod.chamfer_dark + (rod.chamfer_lit - rod.chamfer_dark) * lit;
-            value += (chamfer * (0.5 + 0.5 * ground.face) - value) * on_rod;
-            value += (rod.metal.level * ground.face - value) * on_face;
+            // What is not face is chamfer, what is not rod is table.
+            value = table * (1.0 - on_rod)
+                + chamfer * (0.5 + 0.5 * ground.face) * (on_rod - on_face).max(0.0)
+                + rod.metal.level * ground.face * on_face;
         }
         value += ground.glare * (0.3 + 0.7 * on_rod);
         for dot in &near.dots {
