@@ -5,6 +5,7 @@
 //! ([`crate::camera`]) and nothing else. A scene file or a preset describes what may be seen, each
 //! number fixed or drawn; a seed picks one picture out of it, the same on any number of threads.
 
+mod beam;
 pub mod burn;
 pub mod camera;
 mod draw;
@@ -12,6 +13,7 @@ mod expose;
 mod mark;
 mod noise;
 mod picture;
+mod plan;
 pub mod rod;
 mod scene;
 mod surface;
