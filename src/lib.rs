@@ -4,6 +4,7 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+pub mod align;
 pub mod ballbar;
 pub mod batch;
 pub mod camera;

@@ -1,5 +1,6 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod align;
 mod ballbar;
 mod batch;
 mod config;
@@ -85,6 +86,7 @@ impl Global {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    Align(align::Args),
     Ballbar(ballbar::Args),
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
@@ -186,6 +188,7 @@ fn takes_out(command: &Command) -> bool {
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
+        Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
