@@ -7,18 +7,10 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. A device or pipe
+/// (`/dev/stdout`) is written to as it is, not replaced by a file.
 pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
     let path = path.as_ref();
-<<<<<<< HEAD
-    write_whole_with(path, |w| w.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
-}
-
-/// As [`write_whole`], for what is too large to hold: `fill` writes it piece by piece.
-pub fn write_whole_with(
-    path: &Path,
-    fill: impl FnOnce(&mut dyn Write) -> Result<()>,
-=======
     write_streamed(path, |file| file.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
 }
 
@@ -26,8 +18,17 @@ pub fn write_whole_with(
 pub fn write_streamed(
     path: &Path,
     fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
->>>>>>> main
 ) -> Result<()> {
+    match std::fs::metadata(path) {
+        Ok(there) if there.is_dir() => {
+            return Err(Error::file(path, "is a folder", "give the name of a file"));
+        }
+        Ok(there) if !there.is_file() => {
+            let device = std::fs::OpenOptions::new().write(true).open(path);
+            return fill(&mut device.map_err(|e| Error::io(path, "write", e))?);
+        }
+        _ => {}
+    }
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
@@ -42,14 +43,7 @@ pub fn write_streamed(
     let failed = |e: std::io::Error| Error::io(path, "write", e);
     let mut file =
         tempfile::Builder::new().prefix(".pivotsight-").tempfile_in(folder).map_err(failed)?;
-<<<<<<< HEAD
-    let mut buffered = std::io::BufWriter::with_capacity(1 << 18, &mut file);
-    fill(&mut buffered)?;
-    buffered.flush().map_err(failed)?;
-    drop(buffered);
-=======
     fill(file.as_file_mut())?;
->>>>>>> main
     file.as_file().sync_all().map_err(failed)?;
     #[cfg(unix)]
     {

@@ -1,6 +1,6 @@
 //! Streams a program through an alignment: line by line in, moved and posted out.
 
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, BufWriter, Write};
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -11,7 +11,7 @@ use super::nc::{self, Block, Modal};
 use super::post::{Log, Poster, straight};
 use crate::error::{Error, Result};
 use crate::machine::{Chain, Joints, Machine, Motion, ToolPose};
-use crate::output::write_whole_with;
+use crate::output::write_streamed;
 
 /// How a program is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -136,7 +136,8 @@ pub fn apply(
     let file = std::fs::File::open(input).map_err(|e| Error::io(input, "read", e))?;
     let mut reader = BufReader::with_capacity(1 << 18, file);
     let mut lines = 0;
-    write_whole_with(output, |writer| {
+    write_streamed(output, |file| {
+        let mut writer = BufWriter::with_capacity(1 << 18, file);
         let (mut bytes, mut out) = (Vec::new(), String::new());
         if from != Form::Nc && to == Form::Nc {
             out.push_str(&format!("G21 G90 G94\nF{}\n", options.feed_mm_min));
@@ -163,7 +164,7 @@ pub fn apply(
             let fix = "give CL data, APT or NC code with moves";
             return Err(Error::file(input, "holds no move", fix));
         }
-        Ok(())
+        writer.flush().map_err(|e| Error::io(output, "write", e))
     })?;
     Ok(Report { lines, from, to, log: mover.poster.log })
 }

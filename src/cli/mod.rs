@@ -4,6 +4,7 @@ mod align;
 mod ballbar;
 mod batch;
 mod config;
+mod demo;
 mod diagnose;
 mod export;
 mod history;
@@ -86,12 +87,11 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Align(align::Args),
-    Diagnose(diagnose::Args),
-    Render(render::Args),
     Ballbar(ballbar::Args),
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
     Config(config::Args),
+    Demo(demo::Args),
     Diagnose(diagnose::Args),
     Export(export::Args),
     History(history::Args),
@@ -189,12 +189,11 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Align(args) => align::run(args, global),
-        Command::Diagnose(args) => diagnose::run(args, global),
-        Command::Render(args) => render::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
         Command::Config(args) => config::run(args, global),
+        Command::Demo(args) => demo::run(args, global),
         Command::Diagnose(args) => diagnose::run(args, global),
         Command::Export(args) => export::run(args, global),
         Command::History(args) => history::run(args, global),
