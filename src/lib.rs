@@ -4,22 +4,31 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+pub mod align;
 pub mod ballbar;
+pub mod batch;
 pub mod camera;
 pub mod cli;
+pub mod clock;
+pub mod demo;
 pub mod diagnose;
 pub mod edge;
 pub mod error;
 pub mod find;
 pub mod fit;
 pub mod frame;
+pub mod hash;
 pub mod machine;
 pub mod measure;
 pub mod output;
+pub mod parquet;
 pub mod plot;
+pub mod regress;
 pub mod render;
+pub mod report;
 pub mod rotary;
 pub mod rtcp;
+pub mod store;
 pub mod table;
 pub mod thermal;
 pub mod tomlfile;

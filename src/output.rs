@@ -7,9 +7,28 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. A device or pipe
+/// (`/dev/stdout`) is written to as it is, not replaced by a file.
 pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
     let path = path.as_ref();
+    write_streamed(path, |file| file.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
+}
+
+/// As [`write_whole`], for files too large to hold in memory.
+pub fn write_streamed(
+    path: &Path,
+    fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
+) -> Result<()> {
+    match std::fs::metadata(path) {
+        Ok(there) if there.is_dir() => {
+            return Err(Error::file(path, "is a folder", "give the name of a file"));
+        }
+        Ok(there) if !there.is_file() => {
+            let device = std::fs::OpenOptions::new().write(true).open(path);
+            return fill(&mut device.map_err(|e| Error::io(path, "write", e))?);
+        }
+        _ => {}
+    }
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),
@@ -24,7 +43,7 @@ pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
     let failed = |e: std::io::Error| Error::io(path, "write", e);
     let mut file =
         tempfile::Builder::new().prefix(".pivotsight-").tempfile_in(folder).map_err(failed)?;
-    file.write_all(bytes).map_err(failed)?;
+    fill(file.as_file_mut())?;
     file.as_file().sync_all().map_err(failed)?;
     #[cfg(unix)]
     {
@@ -92,14 +111,7 @@ fn with_newline(mut text: String) -> String {
 
 /// Rows as CSV: nested keys joined with `.`, list items by number; a column wherever any row has it.
 fn csv_text(rows: &[Value]) -> String {
-    let flat: Vec<Vec<(String, String)>> = rows
-        .iter()
-        .map(|row| {
-            let mut cells = Vec::new();
-            flatten("", row, &mut cells);
-            cells
-        })
-        .collect();
+    let flat: Vec<Vec<(String, &Value)>> = rows.iter().map(flatten).collect();
     let mut names: Vec<&str> = Vec::new();
     let mut seen = std::collections::HashSet::new();
     for (name, _) in flat.iter().flatten() {
@@ -111,25 +123,48 @@ fn csv_text(rows: &[Value]) -> String {
     // Writing to memory cannot fail.
     let _ = writer.write_record(&names);
     for cells in &flat {
-        let by_name: std::collections::HashMap<&str, &str> =
-            cells.iter().map(|(n, v)| (n.as_str(), v.as_str())).collect();
-        let _ = writer.write_record(names.iter().map(|n| by_name.get(n).copied().unwrap_or("")));
+        let _ = writer.write_record(csv_record(&names, cells));
     }
     String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
 }
 
-fn flatten(prefix: &str, value: &Value, cells: &mut Vec<(String, String)>) {
-    let join =
-        |key: &str| if prefix.is_empty() { key.to_owned() } else { format!("{prefix}.{key}") };
-    match value {
-        Value::Object(map) => map.iter().for_each(|(k, v)| flatten(&join(k), v, cells)),
-        Value::Array(list) => {
-            list.iter().enumerate().for_each(|(i, v)| flatten(&join(&i.to_string()), v, cells));
+/// A row's cells as CSV text in the order of the columns; empty where the row has none.
+pub fn csv_record<N: AsRef<str>>(names: &[N], cells: &[(String, &Value)]) -> Vec<String> {
+    let by_name: std::collections::HashMap<&str, &Value> =
+        cells.iter().map(|(n, v)| (n.as_str(), *v)).collect();
+    let text = |name: &N| match by_name.get(name.as_ref()) {
+        None | Some(Value::Null) => String::new(),
+        Some(Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+    };
+    names.iter().map(text).collect()
+}
+
+/// The leaves of a JSON value with their paths: keys joined with `.`, list items by number.
+pub fn flatten(value: &Value) -> Vec<(String, &Value)> {
+    fn walk<'v>(prefix: &str, value: &'v Value, cells: &mut Vec<(String, &'v Value)>) {
+        let join =
+            |key: &str| if prefix.is_empty() { key.to_owned() } else { format!("{prefix}.{key}") };
+        match value {
+            Value::Object(map) => map.iter().for_each(|(k, v)| walk(&join(k), v, cells)),
+            Value::Array(list) => {
+                list.iter().enumerate().for_each(|(i, v)| walk(&join(&i.to_string()), v, cells));
+            }
+            leaf => cells.push((prefix.to_owned(), leaf)),
         }
-        Value::Null => cells.push((prefix.to_owned(), String::new())),
-        Value::String(text) => cells.push((prefix.to_owned(), text.clone())),
-        other => cells.push((prefix.to_owned(), other.to_string())),
     }
+    let mut cells = Vec::new();
+    walk("", value, &mut cells);
+    cells
+}
+
+/// Text for XML and HTML, in elements and attributes.
+pub fn escape(text: &str) -> String {
+    text.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+        .replace('"', "&quot;")
+        .replace('\'', "&#39;")
 }
 
 #[cfg(test)]

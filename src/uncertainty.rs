@@ -52,7 +52,7 @@ impl Measured {
 }
 
 /// Whether a measured value keeps a limit, given its uncertainty (ISO 14253-1).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// The value keeps the limit whatever the true value within the interval.

@@ -113,6 +113,41 @@ fn a_sweep_without_errors_has_no_deviations() {
 }
 
 #[test]
+fn an_effect_of_the_library_is_the_same_change_of_the_chain_and_verify_takes_it_out() {
+    let folder = Folder::new();
+    let effects = "[[effects]]\nname = \"pivot-offset-x\"\nparameters = { delta_x_mm = 0.033 }\n\
+                   [[effects]]\nname = \"pivot-length\"\nparameters = { r_mm = 0.05 }\n";
+    let old = std::fs::read_to_string(folder.path("old.toml")).unwrap();
+    folder.put("faulty.toml", &(old + effects));
+    folder.put("poses.csv", "b_deg,c_deg\n0,0\n-90,30\n-35,200\n20,75\n55,310\n90,140\n");
+    let rows = |arguments: &str| -> Vec<[f64; 3]> {
+        let (code, json) = folder.json(arguments);
+        assert_eq!(code, 0);
+        let row = |r: &Value| ["dx_mm", "dy_mm", "dz_mm"].map(|k| r[k].as_f64().unwrap());
+        json["rows"].as_array().unwrap().iter().map(row).collect()
+    };
+    let by_library = rows("simulate rtcp --model faulty.toml --data poses.csv");
+    let by_chain = rows("simulate rtcp --model new.toml --now old.toml --data poses.csv");
+    for (a, b) in by_library.iter().zip(&by_chain) {
+        // Where the datum was taken is a constant of the sweep, which B = 0 shows.
+        let miss = (0..3).map(|i| (a[i] - by_library[0][i]) - (b[i] - by_chain[0][i]));
+        assert!(miss.map(f64::abs).fold(0.0, f64::max) < 1e-9, "{a:?} {b:?}");
+    }
+    let (_, out, _) = folder.run("simulate rtcp --model faulty.toml --data poses.csv --format csv");
+    folder.put("sweep.csv", &out);
+    let (code, json) = folder.json("verify --machine faulty.toml --data sweep.csv");
+    assert_eq!(
+        (code, &json["verdict"]),
+        (1, &Value::from("fail")),
+        "the machine does not hold the point"
+    );
+    assert!(
+        rms(&json, "before") > 0.02 && rms(&json, "after") < 1e-7,
+        "the model says why: {json}"
+    );
+}
+
+#[test]
 fn every_control_gets_the_vectors_and_no_unmarked_guess() {
     let folder = Folder::new();
     for (control, must) in [

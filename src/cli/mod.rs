@@ -1,23 +1,33 @@
 //! The command line: parses, calls the library, prints. One file per command.
 
+mod align;
 mod ballbar;
+mod batch;
+mod config;
+mod demo;
 mod diagnose;
 mod export;
+mod history;
 mod machine;
+mod pages;
+mod regress;
 mod render;
+mod report;
 mod rotary;
 mod rtcp;
+mod schema;
 mod simulate;
 mod solve;
 mod thermal;
 mod verify;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
+use crate::clock;
 use crate::error::{Error, Result};
 use crate::output::{Document, Format, write_whole};
 
@@ -43,6 +53,12 @@ pub struct Global {
     /// No progress and no warnings on standard error
     #[arg(long, short, global = true)]
     pub quiet: bool,
+    /// Append what is said on standard error, and how the run ended, to FILE
+    #[arg(long, value_name = "FILE", global = true)]
+    pub log: Option<PathBuf>,
+    /// Keep the result in the records FILE (see `pivotsight history`)
+    #[arg(long, value_name = "FILE", global = true)]
+    pub records: Option<PathBuf>,
     /// Say more on standard error
     #[arg(long, short, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,
@@ -54,21 +70,42 @@ impl Global {
         if !self.quiet {
             eprintln!("{message}");
         }
+        self.note(message);
+    }
+
+    /// Appends a line to the log, if there is one; a log that cannot be written never stops a measurement.
+    fn note(&self, message: impl std::fmt::Display) {
+        let Some(path) = &self.log else { return };
+        let line = format!("{} {message}\n", clock::utc(clock::now()));
+        let file = std::fs::OpenOptions::new().append(true).create(true).open(path);
+        if let Err(e) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
+            eprintln!("pivotsight: {}: cannot write the log: {e}", path.display());
+        }
     }
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    Diagnose(diagnose::Args),
-    Render(render::Args),
+    Align(align::Args),
     Ballbar(ballbar::Args),
-    Rotary(rotary::Args),
-    Thermal(thermal::Args),
+    Batch(batch::Args),
+    Completions(pages::CompletionsArgs),
+    Config(config::Args),
+    Demo(demo::Args),
+    Diagnose(diagnose::Args),
     Export(export::Args),
+    History(history::Args),
     Machine(machine::Args),
+    Man(pages::ManArgs),
+    Regress(regress::Args),
+    Render(render::Args),
+    Report(report::Args),
+    Rotary(rotary::Args),
     Rtcp(rtcp::Args),
+    Schema(schema::Args),
     Simulate(simulate::Args),
     Solve(solve::Args),
+    Thermal(thermal::Args),
     Verify(verify::Args),
 }
 
@@ -114,38 +151,72 @@ impl Status {
 
 /// Runs the program with the process's own arguments.
 pub fn run() -> ExitCode {
-    let cli = Cli::parse();
-    match dispatch(&cli).and_then(|outcome| print(&cli.global, outcome)) {
-        Ok(status) => status.code(),
+    let fail = |error: Error| {
+        eprintln!("pivotsight: {error}");
+        Status::BadInput.code()
+    };
+    let arguments = match config::arguments(std::env::args_os().collect()) {
+        Ok(arguments) => arguments,
+        Err(error) => return fail(error),
+    };
+    let cli = Cli::parse_from(&arguments);
+    let words: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
+    let global = &cli.global;
+    global.note(words.join(" "));
+    let status = dispatch(&cli).and_then(|outcome| {
+        history::keep(global, &words, &outcome)?;
+        let out = if takes_out(&cli.command) { None } else { global.out.as_deref() };
+        print(global.format, out, outcome)
+    });
+    match status {
+        Ok(status) => {
+            global.note(format_args!("ended: {status:?}"));
+            status.code()
+        }
         Err(error) => {
-            eprintln!("pivotsight: {error}");
-            Status::BadInput.code()
+            global.note(format_args!("ended: {error}"));
+            fail(error)
         }
     }
+}
+
+/// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
+fn takes_out(command: &Command) -> bool {
+    matches!(command, Command::Batch(_) | Command::Report(_) | Command::Man(_))
 }
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
-        Command::Diagnose(args) => diagnose::run(args, global),
-        Command::Render(args) => render::run(args, global),
+        Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
-        Command::Rotary(args) => rotary::run(args, global),
-        Command::Thermal(args) => thermal::run(args, global),
+        Command::Batch(args) => batch::run(args, global),
+        Command::Completions(args) => pages::completions(args),
+        Command::Config(args) => config::run(args, global),
+        Command::Demo(args) => demo::run(args, global),
+        Command::Diagnose(args) => diagnose::run(args, global),
         Command::Export(args) => export::run(args, global),
+        Command::History(args) => history::run(args, global),
         Command::Machine(args) => machine::run(args, global),
+        Command::Man(args) => pages::man(args, global),
+        Command::Regress(args) => regress::run(args, global),
+        Command::Render(args) => render::run(args, global),
+        Command::Report(args) => report::run(args, global),
+        Command::Rotary(args) => rotary::run(args, global),
         Command::Rtcp(args) => rtcp::run(args, global),
+        Command::Schema(args) => schema::run(args),
         Command::Simulate(args) => simulate::run(args, global),
         Command::Solve(args) => solve::run(args, global),
+        Command::Thermal(args) => thermal::run(args, global),
         Command::Verify(args) => verify::run(args, global),
     }
 }
 
 /// Prints the document where the user asked for it. A closed pipe is not an error.
-fn print(global: &Global, outcome: Outcome) -> Result<Status> {
+fn print(format: Format, out: Option<&Path>, outcome: Outcome) -> Result<Status> {
     let Some(document) = outcome.document else { return Ok(outcome.status) };
-    let text = document.text(global.format);
-    match &global.out {
+    let text = document.text(format);
+    match out {
         Some(path) => write_whole(path, text.as_bytes())?,
         None => match std::io::stdout().write_all(text.as_bytes()) {
             Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {

@@ -7,8 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, envelope};
-use crate::diagnose::data::rtcp::RtcpExperiment;
-use crate::diagnose::experiment::Experiment;
+use crate::diagnose::data::rtcp::add_effects;
 use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -118,15 +117,9 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let sweep = Sweep::read(&args.data)?;
     let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
-    if !model.effects.is_empty() {
-        let mut warnings = Vec::new();
-        let experiment = RtcpExperiment::from_table(&sweep.table, &model, &mut warnings)?;
-        warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
-        let added = experiment.predict(&[0.0; 3], &[]);
-        for (d, added) in d.iter_mut().zip(added.chunks_exact(3)) {
-            d.iter_mut().zip(added).for_each(|(d, a)| *d += a);
-        }
-    }
+    let mut warnings = Vec::new();
+    add_effects(&model, &sweep.table, &mut d, &mut warnings)?;
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     let mut noise = noise(args);
     d.iter_mut().for_each(|d| d.iter_mut().for_each(|v| *v += noise()));
 
@@ -148,7 +141,7 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
         let pairs = names.iter().map(|n| (*n).to_owned()).zip(cells.into_iter().map(value));
         rows.push(Value::Object(pairs.collect::<Map<_, _>>()));
     }
-    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &[]);
+    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
     map.insert("kind".into(), "rtcp".into());
     map.insert("rows".into(), rows.clone().into());
     Ok(Outcome::good(Document { json: Value::Object(map), rows, table: csv }))

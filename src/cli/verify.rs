@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use serde_json::{Value, json};
 
 use crate::cli::{Global, Outcome, Status, envelope};
+use crate::diagnose::data::rtcp::add_effects;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::{Document, create_folder, write_whole};
@@ -108,12 +109,10 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         noise_mm: args.noise_mm,
         corrected: args.now.is_some(),
     };
-    let predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
-    let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
+    let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
-    if !machine.effects.is_empty() {
-        warnings.push("the model's effects are not part of this comparison".to_owned());
-    }
+    add_effects(machine, &sweep.table, &mut predicted, &mut warnings)?;
+    let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let plot = args
         .report

@@ -27,6 +27,7 @@ const MIN_SIDE_PX: u32 = 16;
     clap::ValueEnum,
     serde::Serialize,
     serde::Deserialize,
+    schemars::JsonSchema,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum Channel {

@@ -6,7 +6,7 @@
 //! by `+h tan α`: the offset is `-H tan α`, and the shims have to turn the head by `-α`.
 
 use nalgebra::{Matrix2, Vector2};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
@@ -19,7 +19,16 @@ use crate::uncertainty::{K95, Verdict, distance, k95};
 
 /// How the limit is read.
 #[derive(
-    Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, Serialize, serde::Deserialize,
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    Default,
+    clap::ValueEnum,
+    Serialize,
+    Deserialize,
+    schemars::JsonSchema,
 )]
 #[serde(rename_all = "lowercase")]
 pub enum ToleranceKind {
@@ -31,7 +40,8 @@ pub enum ToleranceKind {
 }
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The limit.
     pub tolerance_mm: f64,
@@ -64,7 +74,7 @@ impl Default for Options {
 }
 
 /// How to turn B and the head so that the next burn is concentric.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Correction {
     /// Turn B by this much (add it to the B zero's actual position).
     pub b_deg: f64,
@@ -79,7 +89,7 @@ pub struct Correction {
 }
 
 /// The burn test's result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// The ring: the outer edge of the burnt disc or annulus.
     pub ring: CircleReport,

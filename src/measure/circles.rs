@@ -1,7 +1,7 @@
 //! Circles of expected diameters in one picture, and how concentric they are.
 
 use nalgebra::Vector2;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
@@ -16,16 +16,18 @@ use crate::uncertainty::distance;
 const DIAMETER_WINDOW: f64 = 0.12;
 
 /// What is asked for.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
 pub struct Options {
     /// Expected diameters, in the order in which they are reported.
     pub expect_mm: Vec<f64>,
     /// Which part of a colour picture is measured.
+    #[serde(default)]
     pub channel: Channel,
 }
 
 /// One expected circle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Expected {
     /// The diameter that was asked for.
     pub expect_mm: f64,
@@ -35,7 +37,7 @@ pub struct Expected {
 }
 
 /// How concentric two of the circles are.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Pair {
     /// Index of the first circle in the order asked.
     pub a: usize,
@@ -52,7 +54,7 @@ pub struct Pair {
 }
 
 /// The circles of one picture.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// In the order asked.
     pub circles: Vec<Expected>,
@@ -109,7 +111,8 @@ pub fn measure(
     }
 }
 
-fn check(options: &Options) -> Result<()> {
+/// Refuses options that cannot be meant.
+pub fn check(options: &Options) -> Result<()> {
     if options.expect_mm.is_empty() {
         return Err(Error::option(
             "--expect-mm",

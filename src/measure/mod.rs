@@ -11,7 +11,7 @@ use crate::uncertainty::k95;
 use ring::Ring;
 
 /// A measured circle as every output shows it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CircleReport {
     /// Centre in the plane.
     pub center_mm: [f64; 2],

@@ -168,6 +168,24 @@ impl RtcpExperiment {
     }
 }
 
+/// Adds what the machine file's effects show to the deviations `d`, row by row of the sweep's table.
+pub fn add_effects(
+    machine: &Machine,
+    table: &Table,
+    d: &mut [Vector3<f64>],
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    if machine.effects.is_empty() {
+        return Ok(());
+    }
+    let experiment = RtcpExperiment::from_table(table, machine, warnings)?;
+    let added = experiment.predict(&[0.0; 3], &[]);
+    for (d, added) in d.iter_mut().zip(added.chunks_exact(3)) {
+        *d += Vector3::from_column_slice(added);
+    }
+    Ok(())
+}
+
 /// `(X, Y, Z) = T(C) - (v(B) - v0)`.
 fn nominal(g: &Geometry, b_deg: f64, c_deg: f64) -> Vector3<f64> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), g.c_sense * c_deg.to_radians());

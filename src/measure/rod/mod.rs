@@ -193,7 +193,13 @@ pub fn measure_frames(
         )
     })?;
     let (c_deg, angle_of) = table_angles(captures);
-    let (mut arcs, mut fitted) = follow(captures, frames, &c_deg, &angle_of, rim)?;
+    let starts: Vec<Vector2<f64>> = (0..c_deg.len())
+        .map(|a| match c_deg.len() {
+            1 => rim.circle.center,
+            _ => seek::recentre(&voters, &rim, |capture| angle_of[capture] == a, 0.2),
+        })
+        .collect();
+    let (mut arcs, mut fitted) = follow(captures, frames, &starts, &angle_of, rim)?;
     let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
     if !nominal && let Some(radius) = outer::edge(&arcs, frames, &fitted) {
         // What was found is the inner edge of a chamfer: the rod is the edge outside it.
@@ -202,7 +208,7 @@ pub fn measure_frames(
             inner_mm: Some(fitted.radius),
             outer_mm: None,
         };
-        if let Ok(better) = follow(captures, frames, &c_deg, &angle_of, rim) {
+        if let Ok(better) = follow(captures, frames, &fitted.centers, &angle_of, rim) {
             (arcs, fitted) = better;
         }
     }
@@ -213,16 +219,13 @@ pub fn measure_frames(
 fn follow(
     captures: &[Capture],
     frames: &[(Frame, View)],
-    c_deg: &[f64],
+    starts: &[Vector2<f64>],
     angle_of: &[usize],
     rim: Rim,
 ) -> Result<(Vec<Arc>, Joint)> {
     use rayon::prelude::*;
-    let mut guess = Joint {
-        centers: vec![rim.circle.center; c_deg.len()],
-        radius: rim.circle.radius,
-        weights: Vec::new(),
-    };
+    let mut guess =
+        Joint { centers: starts.to_vec(), radius: rim.circle.radius, weights: Vec::new() };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
     for reach_px in [12.0, 4.0, 1.0] {
@@ -254,9 +257,10 @@ fn follow(
         for arc in &arcs {
             softness[arc.capture] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
         }
-        if let Some(c) = (0..c_deg.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
+        if let Some(a) = (0..starts.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
+            let first = angle_of.iter().position(|angle| *angle == a).unwrap_or(0);
             return Err(Error::measure(
-                format!("the captures at C = {}°", c_deg[c]),
+                format!("the captures at C = {}°", captures[first].c_deg),
                 "the rod's rim is not seen where the other captures say that it is",
                 "check x_mm, y_mm and the pictures, or leave them out",
             ));

@@ -99,30 +99,18 @@ pub(super) fn rim(
     radius_mm: (f64, f64),
     nominal_mm: Option<f64>,
 ) -> Option<Rim> {
-    let center = center(voters, captures, radius_mm)?;
+    let mut center = center(voters, captures, radius_mm)?;
     let cell = 0.002 * radius_mm.1.min(40.0);
-    let mut best = Circle { center, radius: 0.0 };
-    let mut edges = Vec::new();
-    // The centre is good to a cell or two of the grid; radii sharpen as it is improved.
-    for (width, tolerance) in [(6.0 * cell, 0.08), (3.0 * cell, 0.05), (2.0 * cell, 0.04)] {
-        edges = radii(voters, captures, best.center, radius_mm, width, tolerance);
-        let strongest = edges.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let radius = strongest.0;
-        let near: Vec<Vector2<f64>> = voters
-            .iter()
-            .filter(|v| {
-                let q = v.place_mm - best.center;
-                (q.norm() - radius).abs() < 2.0 * width
-                    && (v.along.perp(&q) / q.norm()).abs() < tolerance
-            })
-            .map(|v| v.place_mm)
-            .collect();
-        if near.len() < 20 {
-            break;
-        }
-        let start = Circle { center: best.center, radius };
-        best = circle::robust(&near, &vec![1.0; near.len()], Some(start), 0.1 * width)?.circle;
+    let edges = radii(voters, captures, center, radius_mm, 6.0 * cell, 0.1);
+    let strongest = edges.iter().max_by(|a, b| a.1.total_cmp(&b.1))?.0;
+    // The centre is good to a few cells of the grid; edges sharpen as it is improved.
+    let reach = (1.0 + 6.0 * cell).max(0.12 * strongest);
+    let near: Vec<Voter> = radial(voters, center, (strongest - reach, strongest + reach), 0.12);
+    for width in [6.0 * cell, 3.0 * cell, 1.5 * cell, 0.8 * cell] {
+        center = sharpest(&near, captures, center, width);
     }
+    let width = (0.8 * cell).max(0.015);
+    let edges = radii(&near, captures, center, (strongest - reach, strongest + reach), width, 0.06);
     let strongest = edges.iter().map(|e| e.1).fold(0.0, f64::max);
     let real: Vec<f64> = edges.iter().filter(|e| e.1 > 0.2 * strongest).map(|e| e.0).collect();
     // The rod is the outermost edge, unless the nominal diameter clearly says another one.
@@ -140,10 +128,108 @@ pub(super) fn rim(
     };
     let gap = 0.02;
     Some(Rim {
-        circle: Circle { center: best.center, radius },
+        circle: Circle { center, radius },
         inner_mm: real.iter().copied().filter(|e| *e < radius - gap).max_by(f64::total_cmp),
         outer_mm: real.iter().copied().filter(|e| *e > radius + gap).min_by(f64::total_cmp),
     })
+}
+
+/// Voters whose gradient points along the radius, within a range of radii.
+fn radial(
+    voters: &[Voter],
+    center: Vector2<f64>,
+    (near, far): (f64, f64),
+    tolerance: f64,
+) -> Vec<Voter> {
+    voters
+        .iter()
+        .filter(|v| {
+            let q = v.place_mm - center;
+            let r = q.norm();
+            r > near && r < far && (v.along.perp(&q) / r).abs() < tolerance
+        })
+        .copied()
+        .collect()
+}
+
+/// The centre about which the edges gather at the sharpest radii, found from a few `width`s away.
+fn sharpest(voters: &[Voter], captures: usize, start: Vector2<f64>, width: f64) -> Vector2<f64> {
+    let mut each = vec![0.0f64; captures];
+    voters.iter().for_each(|v| each[v.capture] += 1.0);
+    let mut counts: Vec<f64> = Vec::new();
+    let mut sharpness = |center: Vector2<f64>| -> f64 {
+        let radii: Vec<f64> = voters.iter().map(|v| (v.place_mm - center).norm()).collect();
+        let first = radii.iter().copied().fold(f64::INFINITY, f64::min);
+        counts.clear();
+        for (r, v) in radii.iter().zip(voters) {
+            let x = (r - first) / width;
+            let (i, f) = (x as usize, x.fract());
+            if counts.len() < i + 2 {
+                counts.resize(i + 2, 0.0);
+            }
+            let weight = 1.0 / each[v.capture].max(50.0);
+            counts[i] += weight * (1.0 - f);
+            counts[i + 1] += weight * f;
+        }
+        counts.iter().map(|c| c * c).sum()
+    };
+    let (mut best, mut value) = (start, sharpness(start));
+    for step in [2.0 * width, width, 0.5 * width] {
+        for _ in 0..12 {
+            let around = (0..8).map(|i| {
+                let (s, c) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
+                best + step * Vector2::new(c, s)
+            });
+            let next = around.map(|p| (sharpness(p), p)).max_by(|a, b| a.0.total_cmp(&b.0));
+            match next {
+                Some((v, p)) if v > value => (value, best) = (v, p),
+                _ => break,
+            }
+        }
+    }
+    best
+}
+
+/// The centre for one table angle's captures, from that of all of them: the rod may be eccentric.
+pub(super) fn recentre(
+    voters: &[Voter],
+    rim: &Rim,
+    belongs: impl Fn(usize) -> bool,
+    reach_mm: f64,
+) -> Vector2<f64> {
+    let own: Vec<Voter> =
+        radial(voters, rim.circle.center, (rim.circle.radius - 1.5, rim.circle.radius + 1.5), 0.12)
+            .into_iter()
+            .filter(|v| belongs(v.capture))
+            .collect();
+    let width = 0.03;
+    let match_at = |center: Vector2<f64>| -> f64 {
+        own.iter()
+            .map(|v| {
+                let r = (v.place_mm - center).norm();
+                let at = |edge: f64| (-((r - edge) / width).powi(2)).exp();
+                at(rim.circle.radius) + rim.inner_mm.map_or(0.0, at)
+            })
+            .sum()
+    };
+    let mut best = (match_at(rim.circle.center), rim.circle.center);
+    let mut step = 0.25 * reach_mm;
+    let mut span = 4i32;
+    while step > 0.004 {
+        let middle = best.1;
+        for i in -span..=span {
+            for j in -span..=span {
+                let p = middle + step * Vector2::new(f64::from(i), f64::from(j));
+                let v = match_at(p);
+                if v > 1.001 * best.0 {
+                    best = (v, p);
+                }
+            }
+        }
+        step *= 0.35;
+        span = 2;
+    }
+    best.1
 }
 
 fn center(voters: &[Voter], captures: usize, (near, far): (f64, f64)) -> Option<Vector2<f64>> {

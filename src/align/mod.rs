@@ -1,0 +1,11 @@
+//! Aligns the tool path with a blank as it really lies: touches → tilt and centre, then CL data or NC code moved onto it.
+//!
+//! `Ry(B) Rx(A)` *levels the blank*; the path takes the inverse to come to lie on the tilted blank.
+
+pub mod apply;
+pub mod cl;
+pub mod fit;
+pub mod nc;
+pub mod post;
+
+pub use fit::{Alignment, fit};

@@ -1,0 +1,238 @@
+//! NC code read block by block: what moves the axes, what may pass, and what cannot be moved.
+
+use super::cl::Refusal;
+
+/// One block, taken apart.
+#[derive(Debug, Clone, Default)]
+pub struct Block<'a> {
+    /// Everything but axis words and comments, as it stands, in order.
+    pub words: Vec<(char, &'a str)>,
+    /// New values of the five axes in the order of the machine's joints; degrees for rotary ones.
+    pub axes: [Option<f64>; 5],
+    /// Comments, as they stand.
+    pub comments: Vec<&'a str>,
+    /// Moves the axes along a path that is known.
+    pub moves: bool,
+    /// Moves the axes somewhere only the control knows (G28, G30, G53).
+    pub away: bool,
+}
+
+/// What stays in force from block to block.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Modal {
+    /// G0 (true) or G1 (false), once one of them was programmed.
+    pub rapid: Option<bool>,
+    /// G93: F is one over the time of the block.
+    pub inverse_time: bool,
+}
+
+/// Words of several letters that move nothing.
+const HARMLESS: [&str; 6] = ["STOPRE", "MSG", "FNORM", "FFWON", "FFWOF", "SOFT"];
+
+/// Reads a block. `letters` are the machine's axis letters in the order of its joints.
+pub fn parse<'a>(
+    line: &'a str,
+    letters: &[char; 5],
+    rtcp: bool,
+    modal: &mut Modal,
+    block: &mut Block<'a>,
+) -> Result<(), Refusal> {
+    block.words.clear();
+    block.comments.clear();
+    block.axes = [None; 5];
+    (block.moves, block.away) = (false, false);
+    let text = line.trim_end();
+    if text.starts_with('%') || text.starts_with('/') {
+        if text.starts_with('/') {
+            return Err((
+                "is a block that the operator may skip".into(),
+                "remove the slash or the block",
+            ));
+        }
+        return Ok(());
+    }
+    let bytes = text.as_bytes();
+    let mut i = 0;
+    let mut dwell = false;
+    while i < bytes.len() {
+        let c = bytes[i];
+        match c {
+            b' ' | b'\t' => i += 1,
+            b';' => {
+                block.comments.push(&text[i..]);
+                break;
+            }
+            b'(' => {
+                let end =
+                    text[i..].find(')').ok_or(("has an open comment".to_owned(), "close it"))?;
+                block.comments.push(&text[i..=i + end]);
+                i += end + 1;
+            }
+            c if c.is_ascii_alphabetic() => {
+                let run = bytes[i..]
+                    .iter()
+                    .take_while(|b| b.is_ascii_alphabetic() || **b == b'_')
+                    .count();
+                if run > 1 {
+                    word(&text[i..], run, rtcp, block)?;
+                    break;
+                }
+                let letter = c.to_ascii_uppercase() as char;
+                let start = i + 1;
+                let gap = bytes[start..].iter().take_while(|b| **b == b' ').count();
+                let length = bytes[start + gap..]
+                    .iter()
+                    .take_while(|b| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+'))
+                    .count();
+                let digits = &text[start + gap..start + gap + length];
+                let value: f64 = digits.parse().map_err(|_| {
+                    (
+                        format!("'{letter}' is not followed by a number"),
+                        "expressions and parameters cannot be moved: write plain numbers",
+                    )
+                })?;
+                i = start + gap + length;
+                if i < bytes.len() && bytes[i] == b'=' {
+                    return Err((
+                        format!("sets {letter}{digits}"),
+                        "parameters cannot be moved: write plain numbers",
+                    ));
+                }
+                if let Some(axis) = letters.iter().position(|&l| l == letter) {
+                    if block.axes[axis].replace(value).is_some() {
+                        return Err((format!("has {letter} twice"), "keep one of them"));
+                    }
+                    continue;
+                }
+                match letter {
+                    'G' => dwell |= g_code(value, modal, block)?,
+                    'X' | 'Y' | 'Z' | 'A' | 'B' | 'C' | 'U' | 'V' | 'W' => {
+                        return Err((
+                            format!("moves {letter}, which the machine file does not have"),
+                            "correct the machine file",
+                        ));
+                    }
+                    'I' | 'J' | 'K' | 'R' => {
+                        return Err((
+                            format!("has {letter}: arcs and cycles cannot be moved"),
+                            "post it as G1 points",
+                        ));
+                    }
+                    'L' => return Err(call("L")),
+                    'M' if value == 98.0 || value == 198.0 => return Err(call("M98")),
+                    _ => {}
+                }
+                block.words.push((letter, digits));
+            }
+            c => {
+                let shown = text[i..].chars().next().unwrap_or(c as char);
+                return Err((
+                    format!("'{shown}' is not understood"),
+                    "only plain ISO blocks can be moved",
+                ));
+            }
+        }
+    }
+    if dwell || block.away {
+        // X is a time, or the goal is the control's: the block passes as it stands.
+        return Ok(());
+    }
+    if block.axes.iter().any(Option::is_some) {
+        if modal.rapid.is_none() {
+            return Err(("moves before any G0 or G1".into(), "program G0 or G1 first"));
+        }
+        block.moves = true;
+    }
+    Ok(())
+}
+
+fn call(word: &str) -> Refusal {
+    (format!("{word} calls a subprogram, whose moves are not seen"), "post it without subprograms")
+}
+
+/// Judges a G code; whether it makes the block a dwell.
+fn g_code(value: f64, modal: &mut Modal, block: &mut Block<'_>) -> Result<bool, Refusal> {
+    let code = (value * 10.0).round() as i64;
+    let arc =
+        |what: &str| (format!("G{value} is {what}, which cannot be moved"), "post it as G1 points");
+    match code {
+        0 => modal.rapid = Some(true),
+        10 => modal.rapid = Some(false),
+        20 | 30 => return Err(arc("an arc")),
+        40 => return Ok(true),
+        50..=69 => return Err(arc("a curve")),
+        200 | 700 => return Err(("programs in inches".into(), "post it in mm (G21)")),
+        280 | 300 | 530 => block.away = true,
+        330..=339 | 630 => return Err(arc("thread cutting")),
+        410 | 420 => {
+            return Err((
+                "has cutter radius compensation on".into(),
+                "post the tool centre's path",
+            ));
+        }
+        730..=769 | 780 | 790 | 810..=899 => return Err(arc("a canned cycle")),
+        910 => return Err(("is incremental".into(), "post it in absolute coordinates (G90)")),
+        930 => modal.inverse_time = true,
+        940 | 950 => modal.inverse_time = false,
+        90
+        | 100
+        | 170..=199
+        | 210
+        | 400
+        | 430..=499
+        | 540..=620
+        | 640..=649
+        | 710
+        | 800
+        | 900
+        | 960..=999 => {}
+        5000..=5999 => {}
+        _ => {
+            return Err((
+                format!("G{value} is not known here"),
+                "remove it if it moves nothing, or post without it",
+            ));
+        }
+    }
+    Ok(false)
+}
+
+/// A word of several letters: harmless ones pass as a comment of the block, the rest is refused.
+fn word<'a>(rest: &'a str, run: usize, rtcp: bool, block: &mut Block<'a>) -> Result<(), Refusal> {
+    let name = rest[..run].to_ascii_uppercase();
+    match name.as_str() {
+        "TRAORI" | "TRAFOOF" if rtcp => {}
+        "TRAORI" => {
+            return Err(("switches RTCP on".into(), "give --rtcp: positions are then tool points"));
+        }
+        _ if HARMLESS.contains(&name.as_str()) => {}
+        _ if name.starts_with("CYCLE")
+            || name.starts_with("POCKET")
+            || name.starts_with("HOLES")
+            || name == "MCALL" =>
+        {
+            return Err((
+                format!("{name} is a canned cycle, which cannot be moved"),
+                "post it as G1 points",
+            ));
+        }
+        _ if name.starts_with("CIP") || name.starts_with("CT") || name == "CR" => {
+            return Err((
+                format!("{name} is an arc, which cannot be moved"),
+                "post it as G1 points",
+            ));
+        }
+        _ => {
+            return Err((
+                format!("{name} is not known here"),
+                "only plain ISO blocks can be moved",
+            ));
+        }
+    }
+    let after = rest[run..].trim();
+    if !(after.is_empty() || after.starts_with(['(', ';'])) {
+        return Err((format!("has more words after {name}"), "write it in a block of its own"));
+    }
+    block.comments.push(rest);
+    Ok(())
+}

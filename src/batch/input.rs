@@ -1,0 +1,169 @@
+//! Which files a batch measures: a folder, a pattern, a CSV manifest or one file.
+
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+
+use crate::error::{Error, Result};
+use crate::table::Table;
+
+/// File names that end so are taken from folders; what a file really is, its content says.
+const PICTURES: [&str; 10] =
+    ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm", "pbm"];
+/// What a folder is searched for where the job measures tables of captures.
+const TABLES: [&str; 1] = ["csv"];
+
+/// What a job measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// One picture, one result.
+    Pictures,
+    /// One table of captures, one result.
+    Tables,
+}
+
+/// One thing to measure.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Item {
+    /// How results call it; no two items share a name.
+    pub name: String,
+    /// Where it is.
+    pub path: PathBuf,
+    /// A calibration of its own, where the manifest gives one.
+    pub calib: Option<PathBuf>,
+}
+
+/// Lists what `input` stands for: folders and patterns sorted by name, manifests in their own order.
+pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
+    let path = Path::new(input);
+    let items = if path.is_dir() {
+        folder(path, kind)?
+    } else if path.is_file() && kind == Kind::Pictures && has_extension(path, &TABLES) {
+        manifest(path)?
+    } else if path.is_file() {
+        vec![Item { name: input.to_owned(), path: path.to_owned(), calib: None }]
+    } else if input.contains(['*', '?', '[']) {
+        pattern(input, kind)?
+    } else {
+        return Err(Error::file(
+            path,
+            "does not exist",
+            "give a folder, a 'pattern' or a CSV manifest",
+        ));
+    };
+    if items.is_empty() {
+        return Err(Error::file(
+            path,
+            "holds nothing to measure",
+            format!("names must end in {}", endings(kind)),
+        ));
+    }
+    Ok(items)
+}
+
+/// Whether a folder's file is one to measure.
+pub fn belongs(path: &Path, kind: Kind) -> bool {
+    let extensions: &[&str] = if kind == Kind::Pictures { &PICTURES } else { &TABLES };
+    has_extension(path, extensions) && !file_name(path).starts_with('.')
+}
+
+fn endings(kind: Kind) -> String {
+    if kind == Kind::Pictures { PICTURES.join(", ") } else { TABLES.join(", ") }
+}
+
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
+    path.extension()
+        .and_then(|e| e.to_str())
+        .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
+}
+
+fn file_name(path: &Path) -> String {
+    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
+    let mut items = Vec::new();
+    for entry in std::fs::read_dir(path).map_err(|e| Error::io(path, "read", e))? {
+        let entry = entry.map_err(|e| Error::io(path, "read", e))?.path();
+        if belongs(&entry, kind) {
+            items.push(Item { name: file_name(&entry), path: entry, calib: None });
+        }
+    }
+    items.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(items)
+}
+
+fn pattern(text: &str, kind: Kind) -> Result<Vec<Item>> {
+    let paths = glob::glob(text).map_err(|e| {
+        Error::option(
+            "PATTERN",
+            format!("'{text}' is not a pattern ({})", e.msg),
+            "use *, ? and [..]",
+        )
+    })?;
+    let mut items = Vec::new();
+    for path in paths {
+        let path = path.map_err(|e| {
+            let place = e.path().to_owned();
+            Error::io(place, "read", e.into())
+        })?;
+        if path.is_file() && belongs(&path, kind) {
+            items.push(Item { name: path.to_string_lossy().into_owned(), path, calib: None });
+        }
+    }
+    items.sort_by(|a, b| a.name.cmp(&b.name));
+    Ok(items)
+}
+
+/// Columns `image` and optionally `calib`; paths are relative to the manifest's folder.
+fn manifest(path: &Path) -> Result<Vec<Item>> {
+    let table = Table::read(path, &["image"], &["calib"])?;
+    let base = path.parent().unwrap_or(Path::new(""));
+    let mut seen = HashSet::new();
+    (0..table.rows())
+        .map(|row| {
+            let name = table.text(row, "image").to_owned();
+            if name.is_empty() {
+                return Err(table.error(row, "image", "is empty", "name a picture"));
+            }
+            if !seen.insert(name.clone()) {
+                return Err(table.error(
+                    row,
+                    "image",
+                    format!("'{name}' stands twice"),
+                    "keep one of them",
+                ));
+            }
+            let calib =
+                Some(table.text(row, "calib")).filter(|c| !c.is_empty()).map(|c| base.join(c));
+            Ok(Item { path: base.join(&name), name, calib })
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_folder_a_pattern_and_a_manifest_list_the_same_pictures() {
+        let dir = tempfile::tempdir().unwrap();
+        for name in ["b.PNG", "a.jpg", "note.txt", ".hidden.png"] {
+            std::fs::write(dir.path().join(name), "x").unwrap();
+        }
+        let names = |input: &Path| -> Vec<String> {
+            list(input.to_str().unwrap(), Kind::Pictures)
+                .unwrap()
+                .into_iter()
+                .map(|i| file_name(&i.path))
+                .collect()
+        };
+        assert_eq!(names(dir.path()), ["a.jpg", "b.PNG"]);
+        assert_eq!(names(&dir.path().join("*")), ["a.jpg", "b.PNG"]);
+        let manifest = dir.path().join("list.csv");
+        std::fs::write(&manifest, "image,calib\nb.PNG,own.toml\na.jpg,\n").unwrap();
+        assert_eq!(names(&manifest), ["b.PNG", "a.jpg"]);
+        std::fs::write(&manifest, "image\na.jpg\na.jpg\n").unwrap();
+        let message = list(manifest.to_str().unwrap(), Kind::Pictures).unwrap_err().to_string();
+        assert!(message.contains("list.csv:3") && message.contains("stands twice"), "{message}");
+    }
+}

@@ -1,0 +1,118 @@
+//! Limits on any key of a result, judged with its uncertainty where the result has one.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::{Map, Value};
+
+use crate::uncertainty::Verdict;
+
+/// What a value has to keep; at least one bound.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Limit {
+    /// Least allowed value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub min: Option<f64>,
+    /// Largest allowed value.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max: Option<f64>,
+}
+
+/// Limits by key: nested keys joined with `.`, list items by number (`pairs.0.distance_mm`).
+pub type Limits = BTreeMap<String, Limit>;
+
+/// A value held against its limit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Judged {
+    /// The key.
+    pub key: String,
+    /// Its value.
+    pub value: f64,
+    /// Half-width of its 95 % interval; zero where the result states none.
+    pub u95: f64,
+    /// The limit.
+    #[serde(flatten)]
+    pub limit: Limit,
+    /// ISO 14253-1.
+    pub verdict: Verdict,
+}
+
+impl Limit {
+    /// The verdict on a value: the worse of its two bounds.
+    pub fn judge(&self, value: f64, u95: f64) -> Verdict {
+        let upper = self.max.map(|max| Verdict::of(value, u95, max));
+        let lower = self.min.map(|min| Verdict::of(-value, u95, -min));
+        worst(upper.into_iter().chain(lower)).unwrap_or(Verdict::Pass)
+    }
+}
+
+/// The worst of several verdicts: one fail fails all, one undecided leaves all undecided.
+pub fn worst(verdicts: impl IntoIterator<Item = Verdict>) -> Option<Verdict> {
+    let rank = |v: &Verdict| match v {
+        Verdict::Pass => 0,
+        Verdict::Undecided => 1,
+        Verdict::Fail => 2,
+    };
+    verdicts.into_iter().max_by_key(rank)
+}
+
+/// Holds a result against the limits. A key the result does not have is named in the error.
+pub fn judge(limits: &Limits, result: &Map<String, Value>) -> Result<Vec<Judged>, String> {
+    limits
+        .iter()
+        .map(|(key, limit)| {
+            let value = number(result, key).ok_or_else(|| key.clone())?;
+            let u95 = u95_key(key).and_then(|k| number(result, &k)).unwrap_or(0.0);
+            Ok(Judged {
+                key: key.clone(),
+                value,
+                u95,
+                limit: *limit,
+                verdict: limit.judge(value, u95),
+            })
+        })
+        .collect()
+}
+
+/// The number under a path such as `ring.center_mm.0`.
+pub fn number(result: &Map<String, Value>, path: &str) -> Option<f64> {
+    let mut parts = path.split('.');
+    let mut value = result.get(parts.next()?)?;
+    for part in parts {
+        value = match value {
+            Value::Object(map) => map.get(part)?,
+            Value::Array(list) => list.get(part.parse::<usize>().ok()?)?,
+            _ => return None,
+        };
+    }
+    value.as_f64()
+}
+
+/// Where the uncertainty of `offset_mm.0` stands: `offset_u95_mm.0`.
+pub fn u95_key(path: &str) -> Option<String> {
+    let (head, tail) = match path.rsplit_once('.') {
+        Some((head, tail)) if tail.parse::<usize>().is_ok() => (head, format!(".{tail}")),
+        _ => (path, String::new()),
+    };
+    let (name, unit) = head.rsplit_once('_')?;
+    (!name.ends_with("_u95")).then(|| format!("{name}_u95_{unit}{tail}"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_use_the_uncertainty_beside_the_value() {
+        let result = serde_json::json!({"pairs": [{"distance_mm": 0.009, "distance_u95_mm": 0.002}], "offset_mm": [0.001, -0.02], "offset_u95_mm": [0.001, 0.001]});
+        let mut limits = Limits::new();
+        limits.insert("pairs.0.distance_mm".into(), Limit { min: None, max: Some(0.010) });
+        limits.insert("offset_mm.1".into(), Limit { min: Some(-0.01), max: Some(0.01) });
+        let judged = judge(&limits, result.as_object().unwrap()).unwrap();
+        let verdicts: Vec<_> = judged.iter().map(|j| (j.u95, j.verdict)).collect();
+        assert_eq!(verdicts, [(0.001, Verdict::Fail), (0.002, Verdict::Undecided)]);
+        limits.insert("gone_mm".into(), Limit { min: None, max: Some(1.0) });
+        assert_eq!(judge(&limits, result.as_object().unwrap()).unwrap_err(), "gone_mm");
+    }
+}

@@ -1,0 +1,191 @@
+//! `pivotsight batch`: many pictures, resumable.
+
+use std::fmt::Write as _;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::sync::Mutex;
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use super::{Global, Outcome, Status, envelope, history};
+use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
+use crate::error::{Error, Result};
+use crate::output::{Document, write_whole};
+
+/// Measure many pictures; resumes after any interruption
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A folder, a quoted pattern ('shots/*.png'), a CSV manifest (columns image and optionally calib) or one picture
+    input: String,
+    /// Job file: measurement, calibration, limits
+    #[arg(long, value_name = "JOB.toml")]
+    job: PathBuf,
+    /// Go on with what the folder given by --out holds
+    #[arg(long)]
+    resume: bool,
+    /// With --resume: measure again what failed
+    #[arg(long, requires = "resume")]
+    retry_failed: bool,
+    /// Say what would be measured, and measure nothing
+    #[arg(long)]
+    dry_run: bool,
+    /// Threads (default: every core)
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true)]
+    threads: usize,
+    /// Go on measuring pictures as they come into the folder
+    #[arg(long)]
+    watch: bool,
+    /// With --watch: a file unchanged for so long is complete
+    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    settle_s: f64,
+    /// With --watch: end when nothing new came for so long (default: never)
+    #[arg(long, value_name = "S")]
+    idle_s: Option<f64>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let job = Job::read(&args.job)?;
+    if args.dry_run {
+        return dry_run(args, &job);
+    }
+    let Some(out) = global.out.clone() else {
+        return Err(Error::option("--out", "is missing", "name a folder for the results"));
+    };
+    let seconds = |option: &str, s: f64| {
+        Duration::try_from_secs_f64(s).map_err(|_| {
+            Error::option(option, format!("{s} is not a time"), "give seconds, zero or more")
+        })
+    };
+    let watch = match args.watch {
+        false => None,
+        true => Some(Watch {
+            settle: seconds("--settle-s", args.settle_s)?,
+            idle: args.idle_s.map(|s| seconds("--idle-s", s)).transpose()?,
+        }),
+    };
+    let options = Options {
+        input: args.input.clone(),
+        out,
+        threads: args.threads,
+        resume: args.resume,
+        retry_failed: args.retry_failed,
+        watch,
+    };
+    let bar = Bar::new(global);
+    let summary = batch::run(&job, &options, &|p| bar.show(p))?;
+    bar.end();
+    let mut json = envelope("batch", &args.input, &[]);
+    if let Ok(Value::Object(keys)) = serde_json::to_value(&summary) {
+        json.extend(keys);
+    }
+    let json = Value::Object(json);
+    write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
+    if let Some(path) = &global.records {
+        let rows = batch::rows(&options.out)?;
+        history::keep_batch(path, job.command(), &options.out, &job.calib_path(), rows)?;
+    }
+    let status = match &summary {
+        s if s.failed > 0 => Status::SomeFailed,
+        s if s.fail + s.undecided > 0 => Status::OutOfTolerance,
+        _ => Status::Good,
+    };
+    Ok(Outcome { document: Some(Document::single(json, text(&summary))), status })
+}
+
+fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
+    job.prepare()?;
+    let items = input::list(&args.input, job.kind())?;
+    let mut json = envelope("batch", &args.input, &[]);
+    json.insert("dry_run".into(), true.into());
+    json.insert("pictures".into(), items.len().into());
+    json.insert("job".into(), serde_json::to_value(job).unwrap_or_default());
+    json.insert("images".into(), items.iter().map(|i| i.name.as_str()).collect());
+    let mut text = format!("would measure {} pictures\n", items.len());
+    for item in items.iter().take(10) {
+        let _ = writeln!(text, "  {}", item.name);
+    }
+    if items.len() > 10 {
+        let _ = writeln!(text, "  … and {} more", items.len() - 10);
+    }
+    Ok(Outcome::good(Document::single(json.into(), text)))
+}
+
+fn text(s: &Summary) -> String {
+    let mut text = format!(
+        "{} pictures: {} measured, {} failed ({} of them new)\n",
+        s.pictures, s.measured, s.failed, s.new
+    );
+    if s.pass + s.fail + s.undecided > 0 {
+        let _ =
+            writeln!(text, "verdicts: {} pass, {} fail, {} undecided", s.pass, s.fail, s.undecided);
+    }
+    if !s.statistics.is_empty() {
+        let width = s.statistics.iter().map(|c| c.column.len()).max().unwrap_or(0);
+        let _ = writeln!(
+            text,
+            "\n{:width$} {:>7} {:>11} {:>10} {:>11} {:>11}",
+            "", "n", "mean", "sd", "min", "max"
+        );
+        for c in &s.statistics {
+            let v = &c.statistics;
+            let _ = writeln!(
+                text,
+                "{:width$} {:>7} {:>11.5} {:>10.5} {:>11.5} {:>11.5}",
+                c.column, v.n, v.mean, v.sd, v.min, v.max
+            );
+        }
+    }
+    text.push('\n');
+    for file in &s.files {
+        let _ = writeln!(text, "wrote {}", file.display());
+    }
+    text
+}
+
+/// The progress line: rewritten in place on a terminal, a new line every ten seconds elsewhere.
+struct Bar<'g> {
+    global: &'g Global,
+    terminal: bool,
+    begun: Instant,
+    shown: Mutex<Option<Instant>>,
+}
+
+impl<'g> Bar<'g> {
+    fn new(global: &'g Global) -> Self {
+        Self {
+            global,
+            terminal: std::io::stderr().is_terminal(),
+            begun: Instant::now(),
+            shown: Mutex::new(None),
+        }
+    }
+
+    fn show(&self, p: Progress) {
+        let Ok(mut shown) = self.shown.try_lock() else { return };
+        let every = Duration::from_millis(if self.terminal { 100 } else { 10_000 });
+        if shown.unwrap_or(self.begun).elapsed() < every {
+            return;
+        }
+        *shown = Some(Instant::now());
+        let rate = p.done as f64 / self.begun.elapsed().as_secs_f64().max(1e-3);
+        let left = ((p.total - p.done) as f64 / rate).round();
+        let (minutes, seconds) = ((left / 60.0).floor(), left % 60.0);
+        let line = format!(
+            "{}/{} pictures, {:.1}/s, {minutes:.0}:{seconds:02.0} left, {} failed",
+            p.done, p.total, rate, p.failed
+        );
+        if self.terminal && !self.global.quiet {
+            eprint!("\r\x1b[K{line}");
+        } else {
+            self.global.say(line);
+        }
+    }
+
+    fn end(&self) {
+        if self.terminal && !self.global.quiet && self.shown.lock().is_ok_and(|s| s.is_some()) {
+            eprintln!();
+        }
+    }
+}

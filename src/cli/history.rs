@@ -1,0 +1,219 @@
+//! `pivotsight history`: what was measured before, over time; and the keeping of records.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::{Global, Outcome, envelope};
+use crate::batch::limits::{number, u95_key};
+use crate::error::{Error, Result};
+use crate::output::{Document, Format};
+use crate::store::{Filter, Record, Store, drift};
+use crate::{clock, hash};
+
+/// List, filter, plot and export what was measured before; warns of drift
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// `export` prints whole records (JSON lines, or CSV with --format csv)
+    #[arg(value_enum, default_value = "list", hide_default_value = true)]
+    action: Action,
+    /// Only of this command
+    #[arg(long, value_name = "NAME")]
+    command: Option<String>,
+    /// Only inputs whose name contains TEXT
+    #[arg(long, value_name = "TEXT")]
+    input: Option<String>,
+    /// Only with this verdict (pass, fail, undecided)
+    #[arg(long)]
+    verdict: Option<String>,
+    /// Not before this UTC date or time (2026-11-21 or 2026-11-21T03:35:10Z)
+    #[arg(long, value_name = "TIME")]
+    since: Option<String>,
+    /// Before this UTC date or time
+    #[arg(long, value_name = "TIME")]
+    until: Option<String>,
+    /// Only the newest N
+    #[arg(long, value_name = "N")]
+    last: Option<usize>,
+    /// Write history.svg to DIR: every followed value over time with its interval and limit
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Action {
+    List,
+    Export,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let path = global.records.as_ref().ok_or_else(|| {
+        Error::option(
+            "--records",
+            "is missing",
+            "name the records file, here or in the configuration file",
+        )
+    })?;
+    for (option, time) in [("--since", &args.since), ("--until", &args.until)] {
+        if time.as_ref().is_some_and(|t| clock::parse(t).is_none()) {
+            return Err(Error::option(
+                option,
+                "is not a date",
+                "write 2026-11-21 or 2026-11-21T03:35:10Z",
+            ));
+        }
+    }
+    let records = Store::open_existing(path)?.read(&Filter {
+        command: args.command.clone(),
+        input: args.input.clone(),
+        verdict: args.verdict.clone(),
+        since: args.since.clone(),
+        until: args.until.clone(),
+        last: args.last,
+    })?;
+    let rows: Vec<Value> =
+        records.iter().map(|r| serde_json::to_value(r).unwrap_or_default()).collect();
+    if args.action == Action::Export {
+        let text = Document { json: Value::Null, rows: rows.clone(), table: String::new() }
+            .text(Format::Jsonl);
+        return Ok(Outcome::good(Document { json: json!({ "records": rows }), rows, table: text }));
+    }
+    let series = drift::series(&records);
+    let drifts: Vec<_> = series.iter().flat_map(drift::Series::drift).collect();
+    let warnings: Vec<String> = drifts.iter().map(|d| format!("drift: {}", d.text)).collect();
+    if let Some(folder) = &args.plot {
+        let path = drift::figure(&series).write(folder, "history")?;
+        global.say(format!("wrote {}", path.display()));
+    }
+    let mut json = envelope("history", path, &warnings);
+    json.insert("drift".into(), serde_json::to_value(&drifts).unwrap_or_default());
+    json.insert("records".into(), rows.clone().into());
+    let mut text = format!("{} records\n", records.len());
+    for record in &records {
+        let verdict = record.verdict.as_deref().unwrap_or("");
+        let _ = writeln!(
+            text,
+            "{}  {:8} {:9} {}  {}",
+            record.time_utc,
+            record.command,
+            verdict,
+            record.input,
+            values(record)
+        );
+    }
+    warnings.iter().for_each(|w| {
+        let _ = writeln!(text, "warning: {w}");
+    });
+    Ok(Outcome::good(Document { json: json.into(), rows, table: text }))
+}
+
+/// The followed values of one record on one line.
+fn values(record: &Record) -> String {
+    let Some(result) = record.result.as_object() else { return String::new() };
+    drift::series(std::slice::from_ref(record))
+        .iter()
+        .filter_map(|s| {
+            let value = number(result, &s.key)?;
+            let u95 = u95_key(&s.key).and_then(|k| number(result, &k)).unwrap_or(0.0);
+            Some(format!("{} {value:.4} ± {u95:.4}", s.label.trim_end_matches(", mm")))
+        })
+        .collect::<Vec<_>>()
+        .join("  ")
+}
+
+/// Keeps a command's result where the user keeps records. Commands that measure nothing are not kept, and a
+/// batch keeps its own pictures.
+pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<()> {
+    let (Some(path), Some(document)) = (&global.records, &outcome.document) else { return Ok(()) };
+    let schema = document.json.get("schema").and_then(Value::as_str).unwrap_or("");
+    let command = schema.trim_start_matches("pivotsight.").split('/').next().unwrap_or("");
+    if ["", "batch", "config", "history", "regress", "schema"].contains(&command) {
+        return Ok(());
+    }
+    let results = match document.json.get("results").and_then(Value::as_array) {
+        Some(several) => several.clone(),
+        None => vec![document.json.clone()],
+    };
+    let input = document.json.get("input").cloned().unwrap_or_default();
+    let records = results.into_iter().filter(|r| r.get("error").is_none()).map(|result| {
+        let name = result
+            .get("image")
+            .or(Some(&input))
+            .and_then(Value::as_str)
+            .map_or_else(|| input.to_string(), str::to_owned);
+        Ok(record(command, name, arguments, None, result))
+    });
+    Store::open(path)?.add(records).map(drop)
+}
+
+/// Keeps the measured pictures of a batch.
+pub fn keep_batch(
+    path: &Path,
+    command: &str,
+    folder: &Path,
+    calib: &Path,
+    lines: impl Iterator<Item = Result<Value>>,
+) -> Result<()> {
+    let batch = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
+    let arguments = vec![format!("--calib={}", calib.display())];
+    let sample =
+        record(command, String::new(), &arguments, Some(batch.display().to_string()), Value::Null);
+    let records = lines.filter_map(|line| {
+        let result = match line {
+            Ok(line) => line,
+            Err(e) => return Some(Err(e)),
+        };
+        if text(&result, "status").as_deref() != Some("measured") {
+            return None;
+        }
+        Some(Ok(Record {
+            input: text(&result, "image").unwrap_or_default(),
+            input_sha256: text(&result, "sha256"),
+            verdict: text(&result, "verdict"),
+            options: "batch".into(),
+            result,
+            ..sample.clone()
+        }))
+    });
+    Store::open(path)?.add(records).map(drop)
+}
+
+fn record(
+    command: &str,
+    input: String,
+    arguments: &[String],
+    batch: Option<String>,
+    result: Value,
+) -> Record {
+    let calib = option(arguments, "--calib");
+    Record {
+        time_utc: clock::utc(clock::now()),
+        command: command.into(),
+        input_sha256: hash::of_file(&input).ok(),
+        input,
+        calib_sha256: calib.as_ref().and_then(|path| hash::of_file(path).ok()),
+        calib,
+        options: arguments.iter().skip(1).cloned().collect::<Vec<_>>().join(" "),
+        version: env!("CARGO_PKG_VERSION").into(),
+        verdict: text(&result, "verdict"),
+        batch,
+        result,
+    }
+}
+
+fn text(result: &Value, key: &str) -> Option<String> {
+    result.get(key).and_then(Value::as_str).map(str::to_owned)
+}
+
+/// The value of an option in a command line.
+fn option(arguments: &[String], name: &str) -> Option<String> {
+    let at = arguments
+        .iter()
+        .position(|a| a == name || a.strip_prefix(name).is_some_and(|r| r.starts_with('=')))?;
+    match arguments[at].split_once('=') {
+        Some((_, value)) => Some(value.to_owned()),
+        None => arguments.get(at + 1).cloned(),
+    }
+}

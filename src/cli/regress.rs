@@ -1,0 +1,73 @@
+//! `pivotsight regress`: cases with expected results.
+
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+use super::{Global, Outcome, Status, envelope};
+use crate::error::{Error, Result};
+use crate::output::{Document, write_whole};
+use crate::regress::{self, Case};
+
+/// Run cases with expected results and show what drifted
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A folder of cases, or one case (a folder with case.toml and expected.csv)
+    folder: PathBuf,
+    /// Write the outcome as JUnit XML
+    #[arg(long, value_name = "FILE")]
+    junit: Option<PathBuf>,
+    /// Show what drifted and take the new values as expected
+    #[arg(long)]
+    update: bool,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let program = std::env::current_exe().map_err(|e| Error::io("pivotsight", "find", e))?;
+    let cases = regress::run(&args.folder, &program, args.update)?;
+    if let Some(path) = &args.junit {
+        write_whole(path, regress::junit(&cases).as_bytes())?;
+        global.say(format!("wrote {}", path.display()));
+    }
+    let passed = cases.iter().all(|c| c.passed);
+    let mut json = envelope("regress", &args.folder, &[]);
+    json.insert("passed".into(), passed.into());
+    json.insert("cases".into(), serde_json::to_value(&cases).unwrap_or_default());
+    let rows = cases.iter().flat_map(|case| {
+        case.checks.iter().map(|check| {
+            let mut row = serde_json::to_value(check).unwrap_or_default();
+            row["case"] = case.case.clone().into();
+            row
+        })
+    });
+    let status = if passed || args.update { Status::Good } else { Status::OutOfTolerance };
+    let document =
+        Document { rows: rows.collect(), json: json.into(), table: text(&cases, args.update) };
+    Ok(Outcome { document: Some(document), status })
+}
+
+fn text(cases: &[Case], update: bool) -> String {
+    let mut text = String::new();
+    for case in cases {
+        let _ = writeln!(text, "{} {}", if case.passed { "ok  " } else { "FAIL" }, case.case);
+        if let Some(problem) = &case.problem {
+            let _ = writeln!(text, "     {problem}");
+        }
+        for c in case.checks.iter().filter(|c| !c.passed) {
+            let drift = match (c.drift, c.tolerance) {
+                (Some(d), Some(t)) => format!(" (drift {d:+.3e}, tolerance {t:.1e})"),
+                _ => String::new(),
+            };
+            let actual = if c.actual.is_empty() { "nothing" } else { &c.actual };
+            let taken = if update && !c.actual.is_empty() { ": updated" } else { "" };
+            let _ = writeln!(
+                text,
+                "     {}: expected {}, got {actual}{drift}{taken}",
+                c.key, c.expected
+            );
+        }
+    }
+    let failed = cases.iter().filter(|c| !c.passed).count();
+    let _ = writeln!(text, "{} cases, {failed} failed", cases.len());
+    text
+}

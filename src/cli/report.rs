@@ -1,0 +1,52 @@
+//! `pivotsight report`: a result as a page.
+
+use std::path::PathBuf;
+
+use serde_json::Value;
+
+use super::{Global, Outcome, Status};
+use crate::clock;
+use crate::error::{Error, Result};
+use crate::output::write_whole;
+use crate::report::{self, Options};
+
+/// Make one self-contained HTML page of a result (print it from any browser, on A4)
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What a command wrote with --format json, or the folder of a batch
+    result: PathBuf,
+    /// Heading of the page
+    #[arg(long, value_name = "TEXT", default_value = "", hide_default_value = true)]
+    title: String,
+    /// Show this overlay or plot (PNG, JPEG, SVG); may be given several times
+    #[arg(long = "picture", value_name = "FILE")]
+    pictures: Vec<PathBuf>,
+    /// The calibration file the result was measured with: its identity and age are shown
+    #[arg(long, value_name = "FILE")]
+    calib: Option<PathBuf>,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let path =
+        if args.result.is_dir() { args.result.join("summary.json") } else { args.result.clone() };
+    let text = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
+    let result: Value = serde_json::from_slice(&text).map_err(|e| {
+        Error::file(
+            &path,
+            format!("is not a JSON result ({e})"),
+            "give what a command wrote with --format json",
+        )
+    })?;
+    let options = Options {
+        title: args.title.clone(),
+        pictures: args.pictures.clone(),
+        calib: args.calib.clone(),
+        now: clock::now(),
+    };
+    let page = report::page(&result, &options)?;
+    let out = global.out.clone().unwrap_or_else(|| path.with_extension("html"));
+    write_whole(&out, page.as_bytes())?;
+    global.say(format!("wrote {}", out.display()));
+    Ok(Outcome { document: None, status: Status::Good })
+}

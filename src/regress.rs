@@ -1,0 +1,200 @@
+//! Regression of pictures with expected results: a folder a case, run as a user would run it.
+//!
+//! A case folder holds `case.toml` (`args`, as on the command line after `pivotsight`, run in the case's folder;
+//! optionally `exit_code`) and `expected.csv` (`key,value,tolerance`; words have no tolerance).
+
+use std::path::Path;
+use std::process::Command;
+
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+use crate::output::{escape, flatten, write_whole};
+use crate::table::Table;
+use crate::tomlfile;
+
+/// Names no file, which turns the user's defaults off.
+const NO_DEFAULTS: &str = "none";
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct CaseFile {
+    args: Vec<String>,
+    #[serde(default)]
+    exit_code: i32,
+}
+
+/// How one case went.
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+pub struct Case {
+    /// The folder's name.
+    pub case: String,
+    /// Whether everything is as expected.
+    pub passed: bool,
+    /// Why it could not even be compared.
+    pub problem: Option<String>,
+    /// A line an expected value.
+    pub checks: Vec<Check>,
+}
+
+/// One expected value against what came.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct Check {
+    /// Key of the result, nested keys joined with `.`.
+    pub key: String,
+    /// What `expected.csv` says.
+    pub expected: String,
+    /// What came; empty if the result has no such key.
+    pub actual: String,
+    /// Allowed difference.
+    pub tolerance: Option<f64>,
+    /// Actual minus expected.
+    pub drift: Option<f64>,
+    /// Whether it is within tolerance.
+    pub passed: bool,
+}
+
+/// Runs every case under `folder` (each folder with a `case.toml`, or `folder` itself) with `program`.
+/// With `update`, expected values that no longer hold are rewritten.
+pub fn run(folder: &Path, program: &Path, update: bool) -> Result<Vec<Case>> {
+    let mut folders = Vec::new();
+    if folder.join("case.toml").is_file() {
+        folders.push(folder.to_owned());
+    } else {
+        for entry in std::fs::read_dir(folder).map_err(|e| Error::io(folder, "read", e))? {
+            let entry = entry.map_err(|e| Error::io(folder, "read", e))?.path();
+            if entry.join("case.toml").is_file() {
+                folders.push(entry);
+            }
+        }
+    }
+    if folders.is_empty() {
+        return Err(Error::file(
+            folder,
+            "holds no case",
+            "a case is a folder with case.toml and expected.csv",
+        ));
+    }
+    folders.sort();
+    folders.par_iter().map(|case| one(case, program, update)).collect()
+}
+
+fn one(folder: &Path, program: &Path, update: bool) -> Result<Case> {
+    let case: CaseFile = tomlfile::read(folder.join("case.toml"))?;
+    let path = folder.join("expected.csv");
+    let expected = expected(&path)?;
+    let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    // Case files must mean the same on every machine: no defaults of the user's.
+    let output = Command::new(program)
+        .args(&case.args)
+        .args(["--format", "json", "--quiet"])
+        .current_dir(folder)
+        .env("PIVOTSIGHT_CONFIG", NO_DEFAULTS)
+        .output()
+        .map_err(|e| Error::io(program, "start", e))?;
+    let code = output.status.code().unwrap_or(-1);
+    let problem = |text: String| {
+        Ok(Case { case: name.clone(), passed: false, problem: Some(text), checks: Vec::new() })
+    };
+    if code != case.exit_code {
+        let words = String::from_utf8_lossy(&output.stderr);
+        return problem(format!(
+            "exit code {code} instead of {}: {}",
+            case.exit_code,
+            words.trim()
+        ));
+    }
+    let result: Value = match serde_json::from_slice(&output.stdout) {
+        Ok(result) => result,
+        Err(_) if expected.is_empty() => Value::Null,
+        Err(e) => return problem(format!("the result is not JSON ({e})")),
+    };
+    let cells = flatten(&result);
+    let checks: Vec<Check> = expected
+        .into_iter()
+        .map(|(key, value, tolerance)| check(&cells, key, value, tolerance))
+        .collect();
+    if update && checks.iter().any(|c| !c.passed && !c.actual.is_empty()) {
+        rewrite(&path, &checks)?;
+    }
+    Ok(Case { case: name, passed: checks.iter().all(|c| c.passed), problem: None, checks })
+}
+
+fn expected(path: &Path) -> Result<Vec<(String, String, Option<f64>)>> {
+    let table = Table::read(path, &["key", "value", "tolerance"], &[])?;
+    (0..table.rows())
+        .map(|row| {
+            let tolerance = match table.text(row, "tolerance") {
+                "" => None,
+                _ => Some(table.number(row, "tolerance")?).filter(|t| *t >= 0.0),
+            };
+            if tolerance.is_some() {
+                table.number(row, "value")?;
+            }
+            Ok((table.text(row, "key").to_owned(), table.text(row, "value").to_owned(), tolerance))
+        })
+        .collect()
+}
+
+fn check(
+    cells: &[(String, &Value)],
+    key: String,
+    expected: String,
+    tolerance: Option<f64>,
+) -> Check {
+    let actual = match cells.iter().find(|(name, _)| *name == key).map(|c| c.1) {
+        None => String::new(),
+        Some(Value::String(text)) => text.clone(),
+        Some(other) => other.to_string(),
+    };
+    let drift = match (expected.parse::<f64>(), actual.parse::<f64>()) {
+        (Ok(a), Ok(b)) => Some(b - a),
+        _ => None,
+    };
+    let passed = match tolerance {
+        Some(tolerance) => drift.is_some_and(|d| d.abs() <= tolerance),
+        None => actual == expected,
+    };
+    Check { key, expected, actual, tolerance, drift, passed }
+}
+
+fn rewrite(path: &Path, checks: &[Check]) -> Result<()> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    // Writing to memory cannot fail.
+    let _ = writer.write_record(["key", "value", "tolerance"]);
+    for c in checks {
+        let value = if c.passed || c.actual.is_empty() { &c.expected } else { &c.actual };
+        let _ = writer.write_record([
+            c.key.as_str(),
+            value,
+            &c.tolerance.map(|t| t.to_string()).unwrap_or_default(),
+        ]);
+    }
+    write_whole(path, &writer.into_inner().unwrap_or_default())
+}
+
+/// The cases as JUnit XML, which every CI server shows.
+pub fn junit(cases: &[Case]) -> String {
+    let failures = cases.iter().filter(|c| !c.passed).count();
+    let mut xml = format!(
+        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<testsuite name=\"pivotsight regress\" tests=\"{}\" failures=\"{failures}\">\n",
+        cases.len()
+    );
+    for case in cases {
+        xml += &format!("  <testcase classname=\"regress\" name=\"{}\"", escape(&case.case));
+        if case.passed {
+            xml += "/>\n";
+            continue;
+        }
+        let wrong = case
+            .checks
+            .iter()
+            .filter(|c| !c.passed)
+            .map(|c| format!("{}: expected {}, got {}", c.key, c.expected, c.actual));
+        let text = case.problem.iter().cloned().chain(wrong).collect::<Vec<_>>().join("; ");
+        xml += &format!(">\n    <failure message=\"{}\"/>\n  </testcase>\n", escape(&text));
+    }
+    xml + "</testsuite>\n"
+}

@@ -1,0 +1,223 @@
+//! Values over time, and whether they drift by more than their uncertainty.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::Record;
+use crate::batch::limits::{number, u95_key};
+use crate::clock::{DAY_S, parse};
+use crate::plot::{Figure, Panel};
+use crate::uncertainty::{K95, k95};
+
+/// What is followed over time: command, key, name, key of its limit.
+const FOLLOWED: [(&str, &str, &str, Option<&str>); 12] = [
+    ("burn", "offset_mm.0", "offset X, mm", None),
+    ("burn", "offset_mm.1", "offset Y, mm", None),
+    ("burn", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
+    ("rod", "axis_center_mm.0", "X_C, mm", None),
+    ("rod", "axis_center_mm.1", "Y_C, mm", None),
+    ("rod", "diameter_mm", "rod diameter, mm", None),
+    ("solve", "xc_mm", "X_C, mm", None),
+    ("solve", "yc_mm", "Y_C, mm", None),
+    ("solve", "xb_mm", "X_B, mm", None),
+    ("solve", "zb_mm", "Z_B, mm", None),
+    ("solve", "delta_x_mm", "ΔX, mm", None),
+    ("solve", "r_mm", "R, mm", None),
+];
+
+/// A false alarm in about a thousand series.
+const ALARM: f64 = 3.3 / K95;
+
+/// One value over time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// The command it came from.
+    pub command: String,
+    /// The key in its result.
+    pub key: String,
+    /// For axes and messages.
+    pub label: String,
+    /// The newest limit.
+    pub limit: Option<f64>,
+    /// (days since 1970, value, u95), oldest first.
+    pub points: Vec<(f64, f64, f64)>,
+}
+
+/// A change beyond uncertainty.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct Drift {
+    /// The command.
+    pub command: String,
+    /// The key.
+    pub key: String,
+    /// `step` (the newest differs from those before) or `trend` (a slope over time).
+    pub kind: String,
+    /// The change: newest minus mean of those before, or over the whole time.
+    pub change: f64,
+    /// Half-width of its 95 % interval.
+    pub change_u95: f64,
+    /// A sentence.
+    pub text: String,
+}
+
+/// The followed values of these records, each command and key a series.
+pub fn series(records: &[Record]) -> Vec<Series> {
+    let mut all: BTreeMap<usize, Series> = BTreeMap::new();
+    for record in records {
+        let (Some(time), Some(result)) = (parse(&record.time_utc), record.result.as_object())
+        else {
+            continue;
+        };
+        for (i, (command, key, label, limit)) in FOLLOWED.iter().enumerate() {
+            let Some(value) = number(result, key).filter(|_| record.command == *command) else {
+                continue;
+            };
+            let u95 = u95_key(key).and_then(|k| number(result, &k)).unwrap_or(0.0);
+            let series = all.entry(i).or_insert_with(|| Series {
+                command: (*command).into(),
+                key: (*key).into(),
+                label: (*label).into(),
+                limit: None,
+                points: Vec::new(),
+            });
+            series.points.push((time as f64 / DAY_S, value, u95));
+            series.limit = limit.and_then(|k| number(result, k)).or(series.limit);
+        }
+    }
+    all.into_values().collect()
+}
+
+impl Series {
+    /// Looks for a step (the newest value against the weighted mean of those before) and for a trend (weighted
+    /// straight line). Where values scatter more than their uncertainty says, the scatter counts.
+    pub fn drift(&self) -> Vec<Drift> {
+        let mut found = Vec::new();
+        let Some(((last_day, last, last_u95), before)) = self.points.split_last() else {
+            return found;
+        };
+        let first_day = self.points[0].0;
+        let mut add = |kind: &str, change: f64, change_u95: f64, what: String| {
+            if change.abs() > ALARM * change_u95 && change_u95 > 0.0 {
+                found.push(Drift {
+                    command: self.command.clone(),
+                    key: self.key.clone(),
+                    kind: kind.into(),
+                    change,
+                    change_u95,
+                    text: format!("{}: {what} {change:+.4} ± {change_u95:.4}", self.label),
+                });
+            }
+        };
+        if let Some((mean, u95)) = constant(before) {
+            add(
+                "step",
+                last - mean,
+                u95.hypot(*last_u95),
+                format!("the newest differs from the {} before by", before.len()),
+            );
+        }
+        if let Some((slope, u95)) = line(&self.points) {
+            let days = last_day - first_day;
+            add("trend", slope * days, u95 * days, format!("trend over {days:.1} days"));
+        }
+        found
+    }
+
+    fn panel(&self) -> Panel {
+        let origin = self.points[0].0;
+        let shifted: Vec<_> = self.points.iter().map(|p| (p.0 - origin, p.1, p.2)).collect();
+        let line: Vec<_> = shifted.iter().map(|p| (p.0, p.1)).collect();
+        let panel = Panel::new("days", self.label.clone())
+            .title(format!("{} {}", self.command, self.key))
+            .band("95 % interval", &shifted)
+            .line("", &line)
+            .points("", &line);
+        match self.limit {
+            Some(limit) => panel.limit("limit", limit),
+            None => panel,
+        }
+    }
+}
+
+/// All series as one figure.
+pub fn figure(series: &[Series]) -> Figure {
+    series.iter().fold(Figure::new("History").columns(2), |figure, s| figure.panel(s.panel()))
+}
+
+/// Weighted mean and its u95, widened by the scatter. Needs two points with an uncertainty.
+fn constant(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
+    let weights = weights(points)?;
+    let sum: f64 = weights.iter().sum();
+    let mean = points.iter().zip(&weights).map(|(p, w)| w * p.1).sum::<f64>() / sum;
+    let chi2: f64 = points.iter().zip(&weights).map(|(p, w)| w * (p.1 - mean).powi(2)).sum();
+    let dof = (points.len() - 1) as f64;
+    Some((mean, widened(chi2, dof) / sum.sqrt()))
+}
+
+/// Weighted slope and its u95, widened by the scatter. Needs four points that span some time.
+fn line(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
+    let weights = weights(points).filter(|w| w.len() >= 4)?;
+    let sum: f64 = weights.iter().sum();
+    let mean = |f: fn(&(f64, f64, f64)) -> f64| {
+        points.iter().zip(&weights).map(|(p, w)| w * f(p)).sum::<f64>() / sum
+    };
+    let (t, y) = (mean(|p| p.0), mean(|p| p.1));
+    let stt: f64 = points.iter().zip(&weights).map(|(p, w)| w * (p.0 - t).powi(2)).sum();
+    let sty: f64 = points.iter().zip(&weights).map(|(p, w)| w * (p.0 - t) * (p.1 - y)).sum();
+    if stt <= 0.0 {
+        return None;
+    }
+    let slope = sty / stt;
+    let chi2: f64 =
+        points.iter().zip(&weights).map(|(p, w)| w * (p.1 - y - slope * (p.0 - t)).powi(2)).sum();
+    Some((slope, widened(chi2, (points.len() - 2) as f64) / stt.sqrt()))
+}
+
+/// The 95 % factor: normal where the scatter agrees with the stated uncertainties, else Student's times the
+/// excess (Birge ratio).
+fn widened(chi2: f64, dof: f64) -> f64 {
+    let ratio = (chi2 / dof).sqrt();
+    if ratio > 1.0 { K95.max(ratio * k95(dof)) } else { K95 }
+}
+
+/// 1/u² of every point; `None` with fewer than two points or one without uncertainty.
+fn weights(points: &[(f64, f64, f64)]) -> Option<Vec<f64>> {
+    let usable = points.len() >= 2 && points.iter().all(|p| p.2 > 0.0);
+    usable.then(|| points.iter().map(|p| (K95 / p.2).powi(2)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn made(n: usize, value: impl Fn(f64) -> f64, rng: &mut rand_chacha::ChaCha8Rng) -> Series {
+        let mut point = |i: usize| {
+            let noise: f64 = StandardNormal.sample(&mut *rng);
+            (i as f64, value(i as f64) + 0.001 * noise, 0.001 * K95)
+        };
+        let points = (0..n).map(&mut point).collect();
+        Series {
+            command: "solve".into(),
+            key: "r_mm".into(),
+            label: "R, mm".into(),
+            limit: None,
+            points,
+        }
+    }
+
+    #[test]
+    fn steady_values_raise_no_alarm_and_real_changes_do() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(1);
+        let alarms = |value: &dyn Fn(f64) -> f64, kind: &str, rng: &mut rand_chacha::ChaCha8Rng| {
+            (0..300).filter(|_| made(12, value, rng).drift().iter().any(|d| d.kind == kind)).count()
+        };
+        for kind in ["step", "trend"] {
+            assert!(alarms(&|_| 214.7, kind, &mut rng) <= 3);
+        }
+        assert!(alarms(&|t| 214.7 + if t > 10.5 { 0.006 } else { 0.0 }, "step", &mut rng) >= 290);
+        assert!(alarms(&|t| 214.7 + 0.0008 * t, "trend", &mut rng) >= 290);
+    }
+}

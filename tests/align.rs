@@ -1,0 +1,325 @@
+//! Alignment: truth from a tilted blank, the path follows the blank, round trips, refusals by line, held paths.
+
+#![allow(clippy::unwrap_used)]
+
+use std::fmt::Write;
+use std::path::Path;
+use std::time::Instant;
+
+use assert_cmd::Command;
+use nalgebra::{Rotation3, Vector3};
+use pivotsight::align::apply::{Options, apply};
+use pivotsight::align::fit::Touches;
+use pivotsight::align::{Alignment, fit};
+use pivotsight::machine::{Machine, ToolPose};
+use pivotsight::table::Table;
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+/// A blank that lies at `shift`, tilted so that `Ry(b) Rx(a)` levels it: touches with noise.
+fn touches(
+    a_deg: f64,
+    b_deg: f64,
+    shift: Vector3<f64>,
+    face: usize,
+    noise: f64,
+    seed: u64,
+) -> String {
+    let level = Rotation3::from_axis_angle(&Vector3::y_axis(), b_deg.to_radians())
+        * Rotation3::from_axis_angle(&Vector3::x_axis(), a_deg.to_radians());
+    let place = |p: Vector3<f64>| level.inverse() * p + shift;
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    let mut draw = || Normal::new(0.0, noise).unwrap().sample(&mut random);
+    let mut out = String::from("kind,x_mm,y_mm,z_mm\n");
+    for i in 0..face {
+        let t = std::f64::consts::TAU * i as f64 / face as f64 + 0.4;
+        let p = place(Vector3::new(120.0 * t.cos(), 120.0 * t.sin(), 50.0));
+        writeln!(out, "face,{:.9},{:.9},{:.9}", p.x, p.y, p.z + draw()).unwrap();
+    }
+    // Touches along X and Y at one height: the cylinder's axis there, and equal distances on both sides.
+    let axis = level.inverse() * Vector3::z();
+    let foot = place(Vector3::zeros());
+    let center = foot + axis * ((20.0 - foot.z) / axis.z);
+    for (kind, axis) in [("side_x", 0), ("side_y", 1)] {
+        for side in [-150.0, 150.0] {
+            let p = center + Vector3::ith(axis, side + draw());
+            writeln!(out, "{kind},{:.9},{:.9},{:.9}", p.x, p.y, p.z).unwrap();
+        }
+    }
+    out
+}
+
+fn fitted(csv: &str, options: &fit::Options) -> Alignment {
+    let table =
+        Table::parse("t.csv", csv.as_bytes(), &["kind", "x_mm", "y_mm", "z_mm"], &[]).unwrap();
+    fit(&Touches::from_table(&table).unwrap(), options, &mut Vec::new()).unwrap()
+}
+
+const IDEAL: fit::Options =
+    fit::Options { z_ideal_mm: 50.0, center_ideal_mm: [0.0, 0.0], c_deg: 0.0, touch_u_mm: None };
+
+#[test]
+fn the_path_lands_on_the_tilted_blank_and_not_on_its_mirror_image() {
+    let shift = Vector3::new(3.0, -2.0, 1.5);
+    let alignment = fitted(&touches(0.8, -1.3, shift, 3, 0.0, 0), &IDEAL);
+    assert!((alignment.a_deg - 0.8).abs() < 1e-7 && (alignment.b_deg + 1.3).abs() < 1e-7);
+    // A point of the part, where the program has it, must come to lie where the blank has it.
+    let level = Rotation3::from_axis_angle(&Vector3::y_axis(), (-1.3f64).to_radians())
+        * Rotation3::from_axis_angle(&Vector3::x_axis(), 0.8f64.to_radians());
+    for p in [Vector3::new(0.0, 0.0, 50.0), Vector3::new(70.0, -40.0, 10.0)] {
+        let on_blank = level.inverse() * p + shift;
+        let moved = alignment.motion() * nalgebra::Point3::from(p);
+        assert!((moved.coords - on_blank).norm() < 1e-6, "{moved} {on_blank}");
+    }
+}
+
+#[test]
+fn stated_intervals_hold() {
+    let shift = Vector3::new(0.4, -0.3, 0.2);
+    let truth = fitted(&touches(0.3, 0.5, shift, 8, 0.0, 0), &IDEAL);
+    let [cx, cy] = truth.center_mm.unwrap();
+    for (touch_u_mm, face) in [(None, 8), (Some(0.003), 3)] {
+        let (mut inside, mut all) = (0, 0);
+        for seed in 0..300 {
+            let options = fit::Options { touch_u_mm, ..IDEAL };
+            let got = fitted(&touches(0.3, 0.5, shift, face, 0.003, seed), &options);
+            let ([x, y], [ux, uy]) = (got.center_mm.unwrap(), got.center_u95_mm.unwrap());
+            for (value, true_value, u95) in [
+                (got.a_deg, truth.a_deg, got.a_u95_deg),
+                (got.b_deg, truth.b_deg, got.b_u95_deg),
+                (got.dz_mm, truth.dz_mm, got.dz_u95_mm),
+                (x, cx, ux),
+                (y, cy, uy),
+            ] {
+                all += 1;
+                inside += usize::from((value - true_value).abs() <= u95);
+            }
+        }
+        let percent = 100.0 * inside as f64 / all as f64;
+        assert!((92.5..97.5).contains(&percent), "{percent} %");
+    }
+}
+
+fn machine() -> Machine {
+    Machine::read("docs/examples/machine-ac.toml").unwrap()
+}
+
+/// A path over a dome, away from the pole.
+fn dome(lines: usize) -> Vec<ToolPose> {
+    (0..lines)
+        .map(|i| {
+            let t = 0.0007 * i as f64;
+            let tilt = 0.4 + 0.2 * (2.0 * t).sin();
+            let direction = Vector3::new(tilt.sin() * t.cos(), tilt.sin() * t.sin(), tilt.cos());
+            ToolPose { position_mm: Vector3::new(80.0 * t.cos(), 70.0 * t.sin(), 40.0), direction }
+        })
+        .collect()
+}
+
+fn write_cl(path: &Path, poses: &[ToolPose]) {
+    let mut text = String::from("x_mm,y_mm,z_mm,i,j,k\n");
+    for ToolPose { position_mm: p, direction: d } in poses {
+        writeln!(text, "{:.9},{:.9},{:.9},{:.12},{:.12},{:.12}", p.x, p.y, p.z, d.x, d.y, d.z)
+            .unwrap();
+    }
+    std::fs::write(path, text).unwrap();
+}
+
+/// All numbers of a file, line by line.
+fn numbers(path: &Path) -> Vec<Vec<f64>> {
+    let text = std::fs::read_to_string(path).unwrap();
+    text.lines()
+        .map(|l| {
+            l.split([',', ' '])
+                .filter_map(|w| {
+                    w.trim_start_matches(|c: char| c.is_ascii_alphabetic()).parse().ok()
+                })
+                .collect()
+        })
+        .collect()
+}
+
+#[test]
+fn a_hundred_thousand_lines_go_there_and_back_to_a_nanometre_and_post_to_the_machine() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name);
+    let alignment = fitted(&touches(0.8, -1.3, Vector3::new(3.0, -2.0, 1.5), 5, 0.0, 0), &IDEAL);
+    // Without limits: with them the program may rightly come back on the other side of the pole.
+    let (machine, there) = (Machine::table_a_c(0.05, 60.0), Options::default());
+    let back = Options { inverse: true, ..Options::default() };
+    let poses = dome(100_000);
+    write_cl(&file("in.cl"), &poses);
+    apply(&alignment, &machine, &file("in.cl"), &file("on.cl"), &there).unwrap();
+    apply(&alignment, &machine, &file("on.cl"), &file("back.cl"), &back).unwrap();
+    for (a, b) in numbers(&file("in.cl")).iter().zip(numbers(&file("back.cl"))) {
+        assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-6), "{a:?} {b:?}");
+    }
+
+    let start = Instant::now();
+    let report = apply(&alignment, &machine, &file("in.cl"), &file("on.nc"), &there).unwrap();
+    let rate = report.lines as f64 / start.elapsed().as_secs_f64();
+    eprintln!("posted {rate:.0} lines a second");
+    assert!(rate > 40_000.0, "far under the 200,000 of a free processor: {rate}");
+    // What the machine then does, by its forward kinematics, is the moved CL data.
+    let chain = machine.chain().unwrap();
+    let posted: Vec<Vec<f64>> =
+        numbers(&file("on.nc")).into_iter().skip(2).filter(|r| r.len() == 6).collect();
+    let moved = numbers(&file("on.cl"));
+    assert_eq!(posted.len() as u64, 100_000 + report.log.added);
+    if report.log.added == 0 {
+        for (q, want) in posted.iter().zip(&moved[1..]) {
+            let pose = chain.forward(&[q[1], q[2], q[3], q[4].to_radians(), q[5].to_radians()]);
+            let (p, d) = (pose.position_mm, pose.direction);
+            let got = [p.x, p.y, p.z, d.x, d.y, d.z];
+            assert!(got.iter().zip(want).all(|(a, b)| (a - b).abs() < 3e-6), "{got:?} {want:?}");
+        }
+    }
+    let fine = Options { decimals: Some(9), ..Options::default() };
+    apply(&alignment, &machine, &file("on.nc"), &file("on2.nc"), &fine).unwrap();
+    apply(
+        &alignment,
+        &machine,
+        &file("on2.nc"),
+        &file("on3.nc"),
+        &Options { inverse: true, ..fine },
+    )
+    .unwrap();
+    for (a, b) in numbers(&file("on.nc")).iter().zip(numbers(&file("on3.nc"))) {
+        assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-6), "{a:?} {b:?}");
+    }
+}
+
+#[test]
+fn a_straight_path_stays_straight_between_the_points() {
+    let dir = tempfile::tempdir().unwrap();
+    let (cl, nc) = (dir.path().join("p.cl"), dir.path().join("p.nc"));
+    // Two long moves; the second passes one degree from the pole.
+    std::fs::write(
+        &cl,
+        "80 0 40 0.45 0 0.8930286\n0 80 40 0 0.45 0.8930286\n0 -80 40 0.02 -0.45 0.8928046\n",
+    )
+    .unwrap();
+    let alignment = fitted(&touches(0.0, 0.0, Vector3::zeros(), 4, 0.0, 0), &IDEAL);
+    let report = apply(&alignment, &machine(), &cl, &nc, &Options::default()).unwrap();
+    assert!(report.log.added > 20 && report.log.long_rotary.count > 0);
+    assert_eq!(report.log.not_held.count, 0);
+    let chain = machine().chain().unwrap();
+    let rows: Vec<Vec<f64>> = numbers(&nc).into_iter().filter(|r| r.len() == 6).collect();
+    let joints = |r: &[f64]| [r[1], r[2], r[3], r[4].to_radians(), r[5].to_radians()];
+    let corners = [
+        Vector3::new(80.0, 0.0, 40.0),
+        Vector3::new(0.0, 80.0, 40.0),
+        Vector3::new(0.0, -80.0, 40.0),
+    ];
+    for pair in rows.windows(2) {
+        let (a, b) = (joints(&pair[0]), joints(&pair[1]));
+        for part in [0.2, 0.4, 0.6, 0.8] {
+            let q = std::array::from_fn(|i| a[i] + part * (b[i] - a[i]));
+            let p = chain.forward(&q).position_mm;
+            let off = corners
+                .windows(2)
+                .map(|c| {
+                    let along = c[1] - c[0];
+                    let t = ((p - c[0]).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                    (p - c[0] - along * t).norm()
+                })
+                .fold(f64::INFINITY, f64::min);
+            assert!(off < 0.0075, "{off} mm off the path at {p}");
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_moved_is_refused_by_line_number() {
+    let dir = tempfile::tempdir().unwrap();
+    let alignment = fitted(&touches(0.5, 0.5, Vector3::zeros(), 4, 0.0, 0), &IDEAL);
+    let first = "G21 G90 (start)\nG1 X0 Y0 Z100 A-20 C0 F500\n";
+    for (name, text, words) in [
+        ("a.nc", format!("{first}G2 X10 Y0 I5 J0\n"), "a.nc:3: block: G2 is an arc"),
+        ("a.nc", format!("{first}N30 G03 X10 Y0 R5\n"), "G3 is an arc"),
+        ("a.nc", format!("{first}G81 X10 Y0 Z-5 R2\n"), "G81 is a canned cycle"),
+        ("a.nc", format!("{first}CYCLE83(1,2)\n"), "CYCLE is a canned cycle"),
+        ("a.nc", format!("{first}G91\n"), "incremental"),
+        ("a.nc", format!("{first}G1 X=R1\n"), "X' is not followed"),
+        ("a.nc", format!("{first}G1 X#101\n"), "'X' is not followed"),
+        ("a.nc", format!("{first}G41 D1 X5\n"), "cutter radius"),
+        ("a.nc", format!("{first}M98 P100\n"), "subprogram"),
+        ("a.nc", format!("{first}G1 B5\n"), "does not have"),
+        ("a.nc", format!("{first}G1 X5 STOPRE Y5\n"), "own"),
+        ("a.nc", format!("{first}TRAORI\n"), "--rtcp"),
+        ("a.nc", format!("{first}G28 Z0\nG1 X5\n"), "a.nc:4: block: the position of Y"),
+        ("a.nc", "G1 Z5\n".into(), "position of X is not known"),
+        ("a.nc", "X0 Y0 Z0 A0 C0\n".into(), "before any G0 or G1"),
+        ("a.nc", format!("{first}G1 A-125\n"), "axis A would leave its limits"),
+        ("a.nc", "(nothing)\n".into(), "holds no move"),
+        ("a.cl", "1 2 3 0 0 1\n1 2\n".into(), "a.cl:2: block: has 2 numbers"),
+        ("a.cl", "1 2 3 0 0 2\n".into(), "unit vector"),
+        ("a.cl", "1 2 NaN 0 0 1\n".into(), "no coordinate"),
+        ("a.apt", "GOTO/1,2,3\nCIRCLE/0,0,0,0,0,1,5\n".into(), "a.apt:2: block: CIRCLE is an arc"),
+        ("a.apt", "CYCLE/DRILL,5\n".into(), "canned cycle"),
+    ] {
+        let input = dir.path().join(name);
+        std::fs::write(&input, text).unwrap();
+        let output = dir.path().join("out.nc");
+        let message = apply(&alignment, &machine(), &input, &output, &Options::default())
+            .unwrap_err()
+            .to_string();
+        assert!(message.contains(words), "{words}: {message}");
+        assert!(!output.exists(), "a refused program leaves no half of itself");
+    }
+    // What moves nothing passes as it stands, words in place, and inverse time is shared out.
+    let input = dir.path().join("a.nc");
+    std::fs::write(&input, "%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 X0 Y0 Z100 A-20 C0 S900 M3\nG93\nN9 G1 C90 F2 (TURN)\nM30\n").unwrap();
+    let output = dir.path().join("out.nc");
+    apply(&alignment, &machine(), &input, &output, &Options::default()).unwrap();
+    let text = std::fs::read_to_string(output).unwrap();
+    assert!(text.starts_with("%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 S900 M3 X"), "{text}");
+    assert!(text.contains("(TURN)\nF") && text.ends_with("M30\n"), "{text}");
+    let rates: Vec<f64> = text
+        .lines()
+        .filter_map(|l| l.split_whitespace().find_map(|w| w.strip_prefix('F')?.parse().ok()))
+        .collect();
+    assert!(
+        rates.len() > 1 && (rates.iter().map(|f| 1.0 / f).sum::<f64>() - 0.5).abs() < 1e-4,
+        "{rates:?}"
+    );
+}
+
+#[test]
+fn the_command_measures_applies_and_names_bad_touches() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name);
+    let command = || {
+        let mut c = Command::cargo_bin("pivotsight").unwrap();
+        c.args(["--quiet", "align"]);
+        c
+    };
+    let out = command()
+        .args(["docs/examples/blank.csv", "--z-ideal-mm", "50", "--format", "json"])
+        .output()
+        .unwrap();
+    std::fs::write(file("a.json"), &out.stdout).unwrap();
+    let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(json["schema"], "pivotsight.align/1");
+    assert!((json["center_mm"][0].as_f64().unwrap() - 5.41).abs() < 1e-9);
+    command()
+        .arg("apply")
+        .args(["--machine", "docs/examples/machine-ac.toml", "docs/examples/path.apt", "--align"])
+        .arg(file("a.json"))
+        .arg(file("p.nc"))
+        .assert()
+        .success();
+    for (text, words) in [
+        ("face,0,0,0\nface,1,1,0\n", "2 face points"),
+        ("face,0,0,0\nface,10,10,0\nface,20,20,0\n", "on a line"),
+        ("face,0,0,0\nface,0,10,0\nface,0,0,10\n", "45"),
+        ("edge,0,0,0\n", "'edge'"),
+        ("face,0,0,0\nface,9,0,0\nface,0,9,0\nside_x,5,0,0\n", "one side_x"),
+        ("face,0,0,0\nface,9,0,0\nface,0,9,0\nside_x,5,0,0\nside_x,5,0,0\n", "one side"),
+    ] {
+        std::fs::write(file("t.csv"), format!("kind,x_mm,y_mm,z_mm\n{text}")).unwrap();
+        let out = command().arg(file("t.csv")).assert().code(2).get_output().clone();
+        let message = String::from_utf8(out.stderr).unwrap();
+        assert!(message.contains(words), "{words}: {message}");
+    }
+}

@@ -1,0 +1,203 @@
+//! The batch command end to end: it is killed, fed bad files, asked twice, and always ends with the same bytes.
+
+#![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use rand::{RngExt, SeedableRng};
+
+fn pivotsight() -> Command {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
+    command.env("PIVOTSIGHT_CONFIG", "none");
+    command
+}
+
+/// A folder with `n` small pictures of a disc, a calibration and a job.
+fn workshop(n: usize) -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let input = dir.path().join("in");
+    std::fs::create_dir(&input).unwrap();
+    for i in 0..n {
+        picture(&input.join(format!("p{i:04}.png")), 30.0 + (i % 7) as f64 * 0.1);
+    }
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("cam.toml", "schema = 1\nname = \"test\"\n[scale]\nmm_per_px = 0.01\n");
+    write(
+        "job.toml",
+        "schema = 1\ncalib = \"cam.toml\"\n[measure.circles]\nexpect_mm = [0.6]\n\
+         [limits]\n\"circles.0.diameter_mm\" = { min = 0.5, max = 0.7 }\n",
+    );
+    dir
+}
+
+/// A dark disc of this radius in px on a light ground, its edge one pixel wide.
+fn picture(path: &Path, radius: f64) {
+    let image = image::GrayImage::from_fn(120, 100, |u, v| {
+        let r = (f64::from(u) - 61.3).hypot(f64::from(v) - 48.8);
+        image::Luma([(200.0 - 150.0 * (radius - r + 0.5).clamp(0.0, 1.0)) as u8])
+    });
+    image.save(path).unwrap();
+}
+
+fn batch(dir: &Path, out: &str, more: &[&str]) -> Command {
+    let mut command = pivotsight();
+    command
+        .current_dir(dir)
+        .args(["batch", "in", "--job", "job.toml", "--quiet", "--out", out])
+        .args(more);
+    command.stdout(Stdio::null()).stderr(Stdio::piped());
+    command
+}
+
+fn files(dir: &Path, out: &str) -> Vec<Vec<u8>> {
+    ["results.jsonl", "results.csv", "results.parquet"]
+        .map(|name| std::fs::read(dir.join(out).join(name)).unwrap())
+        .to_vec()
+}
+
+#[test]
+fn killed_at_fifty_random_moments_it_neither_repeats_nor_loses_a_picture() {
+    let dir = workshop(40);
+    let dir = dir.path();
+    let begun = Instant::now();
+    assert_eq!(batch(dir, "whole", &["--threads", "1"]).status().unwrap().code(), Some(0));
+    let whole_run = begun.elapsed();
+    let whole = files(dir, "whole");
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+    let (mut kills, mut rounds, mut lines_before) = (0, 0, 0);
+    while kills < 50 {
+        rounds += 1;
+        assert!(rounds < 500, "only {kills} kills in {rounds} runs");
+        // A few kills a batch, so that every stage is hit: starting, measuring, writing the tables.
+        let out = format!("killed{}", kills / 5);
+        let mut child = batch(dir, &out, &["--threads", "2", "--resume"]).spawn().unwrap();
+        std::thread::sleep(whole_run.mul_f64(rng.random_range(0.0..0.5)));
+        let ended = child.try_wait().unwrap().is_some();
+        let _ = child.kill();
+        child.wait().unwrap();
+        if ended {
+            assert_eq!(files(dir, &out), whole);
+            std::fs::remove_dir_all(dir.join(&out)).unwrap();
+            lines_before = 0;
+            continue;
+        }
+        kills += 1;
+        let journal = std::fs::read(dir.join(&out).join("results.jsonl")).unwrap_or_default();
+        let lines = journal.iter().filter(|b| **b == b'\n').count();
+        assert!(lines >= lines_before || kills % 5 == 1, "results were lost");
+        lines_before = lines;
+        if kills % 5 == 0 {
+            assert_eq!(batch(dir, &out, &["--resume"]).status().unwrap().code(), Some(0));
+            assert!(files(dir, &out) == whole, "{out} differs from the run nobody killed");
+            lines_before = 0;
+        }
+    }
+    let names: Vec<PathBuf> =
+        std::fs::read_dir(dir.join("killed3")).unwrap().map(|e| e.unwrap().path()).collect();
+    assert!(names.len() >= 5, "{names:?}");
+}
+
+#[test]
+fn a_bad_picture_is_a_row_with_its_reason_and_can_be_tried_again() {
+    let dir = workshop(3);
+    let dir = dir.path();
+    std::fs::write(dir.join("in/p0001.png"), b"").unwrap();
+    std::fs::write(dir.join("in/q.png"), b"not a picture at all").unwrap();
+    assert_eq!(batch(dir, "out", &[]).status().unwrap().code(), Some(3));
+    let csv = std::fs::read_to_string(dir.join("out/results.csv")).unwrap();
+    assert!(csv.contains("the file is empty") && csv.contains("not a picture"), "{csv}");
+    assert_eq!(csv.lines().count(), 5);
+    picture(&dir.join("in/p0001.png"), 30.0);
+    std::fs::remove_file(dir.join("in/q.png")).unwrap();
+    picture(&dir.join("in/q.png"), 30.0);
+    assert_eq!(batch(dir, "out", &["--resume"]).status().unwrap().code(), Some(3), "failures stay");
+    assert_eq!(
+        batch(dir, "out", &["--resume", "--retry-failed"]).status().unwrap().code(),
+        Some(0)
+    );
+    assert_eq!(
+        std::fs::read_to_string(dir.join("out/results.csv")).unwrap().lines().count(),
+        6 - 1
+    );
+}
+
+#[test]
+fn what_cannot_work_is_said_before_anything_is_measured() {
+    let dir = workshop(1);
+    let dir = dir.path();
+    let says = |command: &mut Command, words: &str| {
+        let output = command.output().unwrap();
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(words), "{message}");
+    };
+    let job = |text: &str| std::fs::write(dir.join("bad.toml"), text).unwrap();
+    let bad = || {
+        let mut command = pivotsight();
+        command.current_dir(dir).args(["batch", "in", "--job", "bad.toml", "--out", "x"]);
+        command
+    };
+    job("schema = 1\ncalib = \"cam.toml\"\nspeed = 3\n[measure.circles]\nexpect_mm = [1]\n");
+    says(&mut bad(), "speed");
+    job("schema = 1\ncalib = \"none.toml\"\n[measure.circles]\nexpect_mm = [1]\n");
+    says(&mut bad(), "none.toml: cannot read");
+    job(
+        "schema = 1\ncalib = \"cam.toml\"\n[measure.circles]\nexpect_mm = [1]\n[limits]\na_mm = {}\n",
+    );
+    says(&mut bad(), "limits.a_mm: has no bound");
+    batch(dir, "out", &[]).status().unwrap();
+    says(&mut batch(dir, "out", &[]), "add --resume");
+    std::fs::write(
+        dir.join("cam.toml"),
+        "schema = 1\nname = \"test\"\n[scale]\nmm_per_px = 0.02\n",
+    )
+    .unwrap();
+    says(&mut batch(dir, "out", &["--resume"]), "the calibration is not the one");
+    std::fs::create_dir(dir.join("empty")).unwrap();
+    says(
+        pivotsight().current_dir(dir).args(["batch", "empty", "--job", "job.toml", "--out", "y"]),
+        "nothing to measure",
+    );
+    says(pivotsight().current_dir(dir).args(["batch", "in", "--job", "job.toml"]), "--out");
+}
+
+#[test]
+fn a_dry_run_measures_nothing_and_a_full_disk_loses_nothing() {
+    let dir = workshop(4);
+    let dir = dir.path();
+    let output = batch(dir, "out", &["--dry-run"]).stdout(Stdio::piped()).output().unwrap();
+    assert!(String::from_utf8_lossy(&output.stdout).contains("would measure 4 pictures"));
+    assert!(!dir.join("out").exists());
+    // A limit on file size stands in for a full disk: the journal stops in the middle of a line.
+    let binary = assert_cmd::cargo::cargo_bin!("pivotsight");
+    let script = format!(
+        "trap '' XFSZ; ulimit -f 1; exec {} batch in --job job.toml --out out --threads 1",
+        binary.display()
+    );
+    let status = Command::new("bash").current_dir(dir).args(["-c", &script]).output().unwrap();
+    assert_eq!(status.status.code(), Some(2), "{}", String::from_utf8_lossy(&status.stderr));
+    assert_eq!(batch(dir, "out", &["--resume"]).status().unwrap().code(), Some(0));
+    batch(dir, "whole", &[]).status().unwrap();
+    assert_eq!(files(dir, "out"), files(dir, "whole"));
+}
+
+#[test]
+fn a_watched_folder_is_measured_while_a_camera_fills_it() {
+    let dir = workshop(1);
+    let dir = dir.path();
+    let mut child =
+        batch(dir, "out", &["--watch", "--settle-s", "0.1", "--idle-s", "1.5"]).spawn().unwrap();
+    let (whole, half) = (dir.join("whole.png"), dir.join("in/z.png"));
+    picture(&whole, 30.5);
+    let bytes = std::fs::read(&whole).unwrap();
+    std::fs::write(&half, &bytes[..bytes.len() / 2]).unwrap();
+    std::thread::sleep(Duration::from_millis(700));
+    let row =
+        |name: &str| std::fs::read_to_string(dir.join("out/results.jsonl")).unwrap().contains(name);
+    assert!(row("p0000") && !row("z.png"), "half a picture is not measured");
+    std::fs::write(&half, &bytes).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(row("z.png"));
+}

@@ -1,0 +1,189 @@
+//! Records, reports, regression, defaults, log, schemas, completions and man pages, end to end.
+
+#![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+fn run(dir: &Path, args: &[&str]) -> Output {
+    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
+    let config = dir.join("config.toml");
+    let config = if config.exists() { config.display().to_string() } else { "none".into() };
+    command.current_dir(dir).env("PIVOTSIGHT_CONFIG", config).args(args).output().unwrap()
+}
+
+fn ok(dir: &Path, args: &[&str]) -> String {
+    let output = run(dir, args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn refused(dir: &Path, args: &[&str], words: &str) {
+    let output = run(dir, args);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {message}");
+    assert!(message.contains(words), "{message}");
+}
+
+/// A folder with a session file for `solve`, the one measurement that needs no picture.
+fn session() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    write_session(dir.path(), 0.283);
+    dir
+}
+
+fn write_session(dir: &Path, delta_x_mm: f64) {
+    let (r, d, x) = (214.7, 20.0, 100.0);
+    let text = format!(
+        "[rod]\ndiameter_mm = {d}\ndiameter_u_mm = 0.0005\ncenter_mm = [{x}, -50.0]\ncenter_u_mm = [0.0005, 0.0005]\n\
+         [touch]\nx1_mm = {}\nx1_u_mm = 0.001\nx2_mm = {}\nx2_u_mm = 0.001\nz_table_mm = -300.0\nz_table_u_mm = 0.002\n\
+         b1_deg = 90\nb2_deg = -90\n",
+        x + d / 2.0 + r + delta_x_mm,
+        x - d / 2.0 - r + delta_x_mm,
+    );
+    std::fs::write(dir.join("session.toml"), text).unwrap();
+}
+
+#[test]
+fn records_are_kept_listed_exported_and_drift_is_told() {
+    let dir = session();
+    let dir = dir.path();
+    for i in 0..5 {
+        write_session(dir, if i == 4 { 0.303 } else { 0.283 });
+        ok(dir, &["solve", "session.toml", "--records", "r.sqlite"]);
+    }
+    let list = ok(dir, &["history", "--records", "r.sqlite", "--plot", "plots"]);
+    assert!(list.contains("5 records") && list.contains("warning: drift: ΔX"), "{list}");
+    assert!(std::fs::read_to_string(dir.join("plots/history.svg")).unwrap().contains("ΔX"));
+    let lines = ok(dir, &["history", "export", "--records", "r.sqlite", "--last", "2"]);
+    let records: Vec<serde_json::Value> =
+        lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(records.len(), 2);
+    assert_eq!(records[1]["command"], "solve");
+    assert!(records[1]["result"]["delta_x_mm"].as_f64().is_some_and(|x| (x - 0.303).abs() < 1e-9));
+    assert_eq!(records[1]["input_sha256"].as_str().map(str::len), Some(64));
+    assert!(
+        ok(dir, &["history", "--records", "r.sqlite", "--since", "2100-01-01"])
+            .contains("0 records")
+    );
+    refused(dir, &["history"], "--records: is missing");
+    refused(dir, &["history", "--records", "none.sqlite"], "there are no records");
+    refused(dir, &["history", "--records", "session.toml"], "cannot be used");
+    refused(
+        dir,
+        &["history", "--records", "r.sqlite", "--since", "yesterday"],
+        "--since: is not a date",
+    );
+}
+
+#[test]
+fn a_report_is_one_page_that_needs_nothing_else() {
+    let dir = session();
+    let dir = dir.path();
+    ok(dir, &["solve", "session.toml", "--format", "json", "--out", "solve.json"]);
+    ok(dir, &["report", "solve.json", "--title", "Cell <3>"]);
+    let page = std::fs::read_to_string(dir.join("solve.html")).unwrap();
+    for word in ["Cell &lt;3&gt;", "class=\"verdict", "delta x, mm", "What to do next", "U (95 %)"]
+    {
+        assert!(page.contains(word), "{word} is missing");
+    }
+    for outside in ["src=\"http", "href=\"http", "@import", "<script"] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    assert_eq!(page.find("verdict").map(|v| v < page.find("<table").unwrap_or(0)), Some(true));
+    refused(dir, &["report", "session.toml"], "is not a JSON result");
+    std::fs::write(dir.join("other.json"), "{\"a\": 1}").unwrap();
+    refused(dir, &["report", "other.json"], "not a result of pivotsight");
+    refused(dir, &["report", "solve.json", "--picture", "session.toml"], "not PNG, JPEG or SVG");
+}
+
+#[test]
+fn regression_tells_drift_and_takes_new_values_only_when_asked() {
+    let dir = session();
+    let case = dir.path().join("cases/one");
+    std::fs::create_dir_all(&case).unwrap();
+    std::fs::rename(dir.path().join("session.toml"), case.join("session.toml")).unwrap();
+    std::fs::write(case.join("case.toml"), "args = [\"solve\", \"session.toml\"]\n").unwrap();
+    let expected = case.join("expected.csv");
+    std::fs::write(
+        &expected,
+        "key,value,tolerance\nschema,pivotsight.solve/1,\ndelta_x_mm,0.283,1e-6\nr_mm,214.6,1e-6\n",
+    )
+    .unwrap();
+    let dir = dir.path();
+    let output = run(dir, &["regress", "cases", "--junit", "junit.xml"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert_eq!(output.status.code(), Some(1), "{text}");
+    assert!(
+        text.contains("FAIL one")
+            && text.contains("r_mm: expected 214.6")
+            && !text.contains("delta_x_mm"),
+        "{text}"
+    );
+    assert!(std::fs::read_to_string(dir.join("junit.xml")).unwrap().contains("failures=\"1\""));
+    ok(dir, &["regress", "cases", "--update"]);
+    ok(dir, &["regress", "cases"]);
+    refused(dir, &["regress", "plots"], "plots: cannot read");
+    std::fs::write(&expected, "key,value,tolerance\nr_mm,much,1e-6\n").unwrap();
+    refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
+}
+
+#[test]
+fn defaults_come_from_the_configuration_and_the_command_line_wins() {
+    let dir = session();
+    let dir = dir.path();
+    std::fs::write(
+        dir.join("config.toml"),
+        "records = \"kept.sqlite\"\nlog = \"log.txt\"\n[solve]\nformat = \"csv\"\n",
+    )
+    .unwrap();
+    assert!(ok(dir, &["solve", "session.toml"]).starts_with("schema,version"));
+    assert!(ok(dir, &["solve", "session.toml", "--format", "json"]).starts_with('{'));
+    assert!(ok(dir, &["history"]).contains("2 records"));
+    assert!(ok(dir, &["config"]).contains("kept.sqlite"));
+    refused(dir, &["solve", "none.toml"], "none.toml");
+    let log = std::fs::read_to_string(dir.join("log.txt")).unwrap();
+    assert!(log.contains("ended: Good") && log.contains("ended: none.toml"), "{log}");
+    for (config, words) in [
+        ("[fly]\na = 1\n", "fly"),
+        ("[solve]\nspeed = 1\n", "has no option --speed"),
+        ("quiet = \"x\"\n", "quiet"),
+    ] {
+        std::fs::write(dir.join("config.toml"), config).unwrap();
+        refused(dir, &["solve", "session.toml"], words);
+    }
+}
+
+#[test]
+fn every_schema_describes_its_output() {
+    let dir = session();
+    let dir = dir.path();
+    ok(dir, &["solve", "session.toml", "--records", "r.sqlite"]);
+    for name in ok(dir, &["schema"]).lines() {
+        let schema: serde_json::Value = serde_json::from_str(&ok(dir, &["schema", name])).unwrap();
+        assert_eq!(schema["properties"]["schema"]["const"], format!("pivotsight.{name}/1"));
+        assert!(schema["required"].as_array().is_some_and(|r| r.len() > 4), "{name}");
+    }
+    let schema: serde_json::Value = serde_json::from_str(&ok(dir, &["schema", "history"])).unwrap();
+    let result: serde_json::Value =
+        serde_json::from_str(&ok(dir, &["history", "--records", "r.sqlite", "--format", "json"]))
+            .unwrap();
+    for key in result.as_object().unwrap().keys() {
+        assert!(schema["properties"].get(key).is_some(), "{key} is not in the schema");
+    }
+    for key in schema["required"].as_array().unwrap() {
+        assert!(result.get(key.as_str().unwrap()).is_some(), "{key} is promised and missing");
+    }
+}
+
+#[test]
+fn shells_and_manuals_know_every_command() {
+    let dir = tempfile::tempdir().unwrap();
+    for shell in ["bash", "zsh", "fish", "powershell"] {
+        assert!(ok(dir.path(), &["completions", shell]).contains("history"), "{shell}");
+    }
+    ok(dir.path(), &["man", "--out", "man", "--quiet"]);
+    let page = std::fs::read_to_string(dir.path().join("man/pivotsight-batch.1")).unwrap();
+    assert!(page.contains("resume") && dir.path().join("man/pivotsight.1").exists());
+    refused(dir.path(), &["man", "fly"], "not a command");
+}
