@@ -10,6 +10,7 @@ pub mod batch;
 pub mod camera;
 pub mod cli;
 pub mod clock;
+pub mod demo;
 pub mod diagnose;
 pub mod draw;
 pub mod edge;

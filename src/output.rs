@@ -7,7 +7,8 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part.
+/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. A device or pipe
+/// (`/dev/stdout`) is written to as it is, not replaced by a file.
 pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
     let path = path.as_ref();
     write_streamed(path, |file| file.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
@@ -18,6 +19,16 @@ pub fn write_streamed(
     path: &Path,
     fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
 ) -> Result<()> {
+    match std::fs::metadata(path) {
+        Ok(there) if there.is_dir() => {
+            return Err(Error::file(path, "is a folder", "give the name of a file"));
+        }
+        Ok(there) if !there.is_file() => {
+            let device = std::fs::OpenOptions::new().write(true).open(path);
+            return fill(&mut device.map_err(|e| Error::io(path, "write", e))?);
+        }
+        _ => {}
+    }
     let folder = match path.parent() {
         Some(p) if !p.as_os_str().is_empty() => p,
         _ => Path::new("."),

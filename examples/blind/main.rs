@@ -3,6 +3,7 @@
 //!
 //! `cargo run --profile quick --example blind -- rtcp 200 [seed]`; the seed is drawn at run time unless given.
 
+mod plain;
 mod plans;
 
 mod rod;
@@ -43,6 +44,10 @@ fn main() {
     println!("{kind}: {count} cases of each sort, seed {seed}");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     for sort in score::SORTS {
+        let plain = ["burn", "thermal", "ballbar"].contains(&kind);
+        if plain && (sort.known > 1 || sort.unknown > 0 || sort.poor) {
+            continue;
+        }
         if only.as_deref().is_some_and(|o| !sort.name.contains(o)) {
             continue;
         }
@@ -54,6 +59,7 @@ fn main() {
                 "rtcp" => rtcp::case(sort, index, &mut case_rng),
                 "rod" => rod::case(sort, index, &mut case_rng),
 
+                "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, &mut case_rng),
                 other => {
                     eprintln!("no generator for '{other}'");
                     std::process::exit(2);

@@ -61,7 +61,8 @@ fn answer(case: &Case, kind: &str) -> Report {
     let options = Options { noise_mm: case.noise_mm };
     let experiment = match kind {
         "rtcp" => crate::rtcp::read(&case.csv),
-        _ => crate::rod::read(&case.csv),
+        "rod" => crate::rod::read(&case.csv),
+        _ => crate::plain::read(kind, &case.csv),
     };
     diagnose(experiment.as_ref(), &options).expect("the diagnosis runs").report
 }

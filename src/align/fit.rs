@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::machine::Motion;
+use crate::plot::{Figure, Panel};
 use crate::table::Table;
 use crate::uncertainty::{K95, k95};
 
@@ -291,6 +292,32 @@ impl Alignment {
         let t = Vector3::new(axis.x, axis.y, self.dz_mm) - turn * ideal;
         let back = level.inverse();
         Motion::from_parts(Translation3::from(back * t), back * turn)
+    }
+
+    /// A map of the touches and the face's residuals.
+    pub fn figure(&self, touches: &Touches) -> Figure {
+        let level = leveller(self.a_deg.to_radians(), self.b_deg.to_radians());
+        let height = self.dz_mm + self.z_ideal_mm;
+        let residuals: Vec<_> = touches
+            .face
+            .iter()
+            .enumerate()
+            .map(|(i, p)| (i as f64 + 1.0, (level * p).z - height, K95 * self.touch_u_mm))
+            .collect();
+        let flat =
+            |points: &[Vector3<f64>]| -> Vec<_> { points.iter().map(|p| (p.x, p.y)).collect() };
+        let sides: Vec<Vector3<f64>> = touches.sides.concat();
+        let map = Panel::new("x, mm", "y, mm").title("Touches").equal_scale();
+        let map = map.points("face", &flat(&touches.face)).points("sides", &flat(&sides));
+        let map = match self.center_mm {
+            Some([x, y]) => map.points("centre", &[(x, y)]),
+            None => map,
+        };
+        let face = Panel::new("face point", "height over the plane, mm").title("Face, levelled");
+        Figure::new("Blank")
+            .columns(2)
+            .panel(map)
+            .panel(face.points_with_bars("±95 % of a touch", &residuals))
     }
 
     /// Lines for people.

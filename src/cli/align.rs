@@ -50,6 +50,9 @@ struct FitArgs {
     /// Standard uncertainty of a touch (default: from the face's residuals)
     #[arg(long, value_name = "MM")]
     touch_u_mm: Option<f64>,
+    /// Write align.svg to DIR
+    #[arg(long, value_name = "DIR")]
+    plot: Option<PathBuf>,
 }
 
 /// Move a program onto the blank and post it for the machine
@@ -108,8 +111,13 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
         touch_u_mm: args.touch_u_mm,
     };
     let mut warnings = Vec::new();
-    let alignment = align::fit(&fit::Touches::read(points)?, &options, &mut warnings)?;
+    let touches = fit::Touches::read(points)?;
+    let alignment = align::fit(&touches, &options, &mut warnings)?;
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    if let Some(folder) = &args.plot {
+        global
+            .say(format!("wrote {}", alignment.figure(&touches).write(folder, "align")?.display()));
+    }
     let mut json = envelope("align", points, &warnings);
     if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&alignment) {
         json.extend(keys);

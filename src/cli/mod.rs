@@ -6,6 +6,7 @@ mod batch;
 mod burn;
 mod circles;
 mod config;
+mod demo;
 mod diagnose;
 mod export;
 mod history;
@@ -96,6 +97,7 @@ enum Command {
     Batch(batch::Args),
     Completions(pages::CompletionsArgs),
     Config(config::Args),
+    Demo(demo::Args),
     Diagnose(diagnose::Args),
     Export(export::Args),
     History(history::Args),
@@ -200,6 +202,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
         Command::Batch(args) => batch::run(args, global),
         Command::Completions(args) => pages::completions(args),
         Command::Config(args) => config::run(args, global),
+        Command::Demo(args) => demo::run(args, global),
         Command::Diagnose(args) => diagnose::run(args, global),
         Command::Export(args) => export::run(args, global),
         Command::History(args) => history::run(args, global),

@@ -119,15 +119,7 @@ fn rods(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
             write_calibration(&wish.out_dir, &camera)?;
         }
         let name = format!("rod-{number:04}");
-        let mut captures = String::from("image,x_mm,y_mm,c_deg\n");
-        for (i, capture) in made.captures.iter().enumerate() {
-            let image = format!("{name}-{:02}.png", i + 1);
-            capture.picture.write_png(wish.out_dir.join(&image))?;
-            let [x, y] = capture.machine_mm;
-            captures += &format!("{image},{x:.3},{y:.3},{}\n", capture.c_deg);
-        }
-        let table = format!("{name}.csv");
-        write_whole(wish.out_dir.join(&table), captures.as_bytes())?;
+        let table = made.write(&wish.out_dir, &name)?;
         let truth = write_truth(&wish.out_dir, &name, &table, "rod", &made.truth)?;
         global.say(format_args!("{table}"));
         let [x, y] = made.truth.axis_center_mm;

@@ -220,7 +220,11 @@ impl Fitter<'_> {
         noise: Noise,
     ) -> Fitted {
         let white = self.whiten(&tangent, &noise);
-        let (covariance, rank) = least_squares::covariance(&white, 1e-9);
+        let (covariance, rank) = if white.ncols() == 0 {
+            (DMatrix::zeros(0, 0), 0)
+        } else {
+            least_squares::covariance(&white, 1e-9)
+        };
         Fitted { model, residual, tangent, noise, covariance, rank }
     }
 
@@ -237,6 +241,9 @@ impl Fitter<'_> {
 
     fn minimise(&self, model: Model, noise: &Noise, max_steps: usize) -> Model {
         let start = DVector::from_vec(self.free(&model));
+        if start.is_empty() {
+            return model;
+        }
         let options =
             least_squares::Options { max_steps, relative_step: 1e-7, ..Default::default() };
         let solution = least_squares::solve(start, options, |p| {

@@ -47,7 +47,7 @@ impl Term {
         let column = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
             x.iter().zip(along).map(|(x, a)| if *a == 0.0 { 0.0 } else { a * f(*x) }).collect()
         };
-        let columns = match self.shape {
+        let mut columns = match self.shape {
             Shape::Harmonic(k) => {
                 let k = f64::from(k);
                 vec![
@@ -80,7 +80,20 @@ impl Term {
                 })]
             }
         };
+        if !matches!(self.shape, Shape::Harmonic(_)) {
+            // The shape's mean belongs to it: a library effect must not be called in to make up for it.
+            columns.push(along.clone());
+        }
         DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
+    }
+
+    /// Coefficients that make its size; a constant that goes with the shape comes after them.
+    pub fn own_columns(&self) -> usize {
+        match self.shape {
+            Shape::Harmonic(_) => 2,
+            Shape::Levels(count) => count - 1,
+            _ => 1,
+        }
     }
 
     /// A short name of the shape, for the JSON.

@@ -24,11 +24,14 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
             train.row_mut(row).fill(0.0);
             target[(row, 0)] = 0.0;
         }
-        let step = train
-            .clone()
-            .svd(true, true)
-            .solve(&target, 1e-9 * train.norm())
-            .unwrap_or_else(|_| DMatrix::zeros(train.ncols(), 1));
+        let step = match train.ncols() {
+            0 => DMatrix::zeros(0, 1),
+            n => {
+                let tolerance = 1e-9 * train.norm();
+                let solved = train.svd(true, true).solve(&target, tolerance);
+                solved.unwrap_or_else(|_| DMatrix::zeros(n, 1))
+            }
+        };
         let predicted = &fitted.tangent * step;
         for (i, &g) in layout.groups.iter().enumerate() {
             if out(g) && fitter.space.kept(i) {

@@ -9,6 +9,7 @@ pub mod generic;
 pub mod holdout;
 pub mod load;
 pub mod model;
+pub mod next;
 pub mod noise;
 pub mod page;
 pub mod plan;

@@ -9,6 +9,7 @@ use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
+use crate::diagnose::next::next_measurement;
 use crate::diagnose::noise::Space;
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
 use crate::diagnose::score::{Part, contribution};
@@ -97,7 +98,8 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
         (fitter, selection) = run(&keep);
     }
     outliers.sort_unstable();
-    let report = build(&fitter, &selection, outliers);
+    let mut report = build(&fitter, &selection, outliers);
+    report.next_measurement = next_measurement(&fitter, &selection);
     Ok(Diagnosis { report, selection, fitter })
 }
 

@@ -261,10 +261,22 @@ impl Standing {
                 let ln_p = self.ln_p(fitter, &x, c, chi2, rank as f64);
                 let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
                 let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
-                let evidence = 0.5 * chi2 - price;
+                let evidence = 0.5 * chi2 - price - self.second_reading(fitter, c);
                 Some(Score { candidate: index, chi2, rank, ln_p, evidence, rms_mm })
             })
             .collect()
+    }
+
+    /// A little less evidence for the second reading of an effect (one with a switch), so that of two exact aliases the
+    /// one in its plain form is named first.
+    fn second_reading(&self, fitter: &Fitter, c: &Candidate) -> f64 {
+        match &c.who {
+            Who::Effect(a) => {
+                let form = &fitter.experiment.effects()[a.effect].forms[a.form];
+                0.2 * form.iter().filter(|p| p.is_switch()).count() as f64
+            }
+            Who::Extra(_) => 0.0,
+        }
     }
 
     /// ln p, with the noise's own uncertainty.

@@ -56,6 +56,7 @@ pub fn select(fitter: &Fitter) -> Selection {
         s.fitted = fitter.fit(next, Some(&s.fitted.noise));
         s.swap(fitter);
         s.merge(fitter);
+        s.split(fitter);
         s.drop_weak(fitter);
     }
     s
@@ -259,6 +260,57 @@ impl Selection {
             }
         }
         found.map(|(_, model)| model)
+    }
+
+    /// Replaces a generic term by two library effects where those explain as much together.
+    fn split(&mut self, fitter: &Fitter) {
+        let f = &self.fitted;
+        let generic = |e: &ExtraTerm| matches!(e.kind, Extra::Generic(_));
+        let Some(at) = f.model.extras.iter().position(generic) else { return };
+        let (standing, own) = without(fitter, f, &[Part::Extra(at)]);
+        let own = own.map_or(0.0, |s| s.evidence) - LIBRARY_BONUS;
+        let rest = remove(&f.model, Part::Extra(at));
+        let mut firsts = standing.scores(fitter, f, &self.library);
+        firsts.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut tried: Vec<usize> = rest.active.iter().map(|a| a.effect).collect();
+        let mut found: Option<(f64, Fitted)> = None;
+        for first in firsts {
+            let Who::Effect(a) = &self.library.candidates[first.candidate].who else { continue };
+            if tried.contains(&a.effect) {
+                continue;
+            }
+            if tried.len() >= rest.active.len() + 3 {
+                break;
+            }
+            tried.push(a.effect);
+            let mut model = rest.clone();
+            model.active.push(a.clone());
+            let with_first = fitter.fit(model.clone(), Some(&f.noise));
+            let standing = Standing::new(fitter, &with_first, &[]);
+            let taken: Vec<usize> = model.active.iter().map(|a| a.effect).collect();
+            let second =
+                best(standing.scores(fitter, &with_first, &self.library).into_iter().filter(|s| {
+                    match &self.library.candidates[s.candidate].who {
+                        Who::Effect(b) => !taken.contains(&b.effect),
+                        Who::Extra(_) => false,
+                    }
+                }));
+            let Some(second) = second else { continue };
+            let Who::Effect(b) = &self.library.candidates[second.candidate].who else { continue };
+            model.active.push(b.clone());
+            let both = fitter.fit(model, Some(&f.noise));
+            let n = both.model.active.len();
+            let pair = without(fitter, &both, &[Part::Effect(n - 2), Part::Effect(n - 1)]).1;
+            // The two are judged with the generic term's noise, or a poorer fit would look better.
+            let ratio = (both.noise.sigma_mm[0] / f.noise.sigma_mm[0]).powi(2);
+            let gain = pair.map_or(f64::MIN, |s| s.evidence * ratio) - own;
+            if ratio < 1.1 && gain > 0.0 && found.as_ref().is_none_or(|(g, _)| gain > *g) {
+                found = Some((gain, both));
+            }
+        }
+        if let Some((_, both)) = found {
+            self.fitted = both;
+        }
     }
 
     /// Removes parts that later additions have made needless.

@@ -5,6 +5,7 @@
 //! ([`crate::camera`]) and nothing else. A scene file or a preset describes what may be seen, each
 //! number fixed or drawn; a seed picks one picture out of it, the same on any number of threads.
 
+mod beam;
 pub mod burn;
 pub mod camera;
 mod draw;
@@ -12,12 +13,14 @@ mod expose;
 mod mark;
 mod noise;
 mod picture;
+mod plan;
 pub mod rod;
 mod scene;
 mod surface;
 
 pub use burn::BurnScene;
 pub use draw::Draw;
+pub(crate) use draw::stream_rng;
 pub use picture::Picture;
 pub use rod::RodScene;
 pub use scene::Preset;

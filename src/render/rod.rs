@@ -12,10 +12,13 @@ use super::expose::{Band, Patch, Scene, expose};
 use super::mark::{Contour, Dot, Fade, Profile};
 use super::noise::{Around, Grain, grain_seed};
 use super::picture::Picture;
+pub use super::plan::Captures;
+use super::plan::plan;
 use super::scene::{AsScene, Preset, parse, read};
 use super::surface::{Glare, Light, Metal, Specks, Surface};
 use crate::camera::View;
 use crate::error::Result;
+use crate::output::write_whole;
 
 /// A rod's scene file: every number fixed or drawn ([`Draw`]).
 #[derive(Debug, Clone, PartialEq, Deserialize)]
@@ -128,34 +131,6 @@ impl Default for Axis {
     }
 }
 
-/// `[captures]`: the pictures taken of one rod.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Captures {
-    /// C angles at which the rim is photographed (default just 0).
-    pub c_deg: Vec<f64>,
-    /// Pictures at each of them (default 6).
-    pub per_angle: Draw,
-    /// Part of the rim over which they are spread (default 360).
-    pub span_deg: Draw,
-    /// How far from the rim the frame's middle may stray (default 0.3).
-    pub stray_mm: Draw,
-    /// Standard deviation of the machine's true position about the one it shows (default 0).
-    pub position_noise_mm: Draw,
-}
-
-impl Default for Captures {
-    fn default() -> Self {
-        Self {
-            c_deg: vec![0.0],
-            per_angle: 6.0.into(),
-            span_deg: 360.0.into(),
-            stray_mm: 0.3.into(),
-            position_noise_mm: 0.0.into(),
-        }
-    }
-}
-
 /// One picture of the rim.
 #[derive(Debug, Clone)]
 pub struct Capture {
@@ -202,6 +177,23 @@ pub struct RenderedRod {
     pub camera: Camera,
     /// What is true of them.
     pub truth: RodTruth,
+}
+
+impl RenderedRod {
+    /// Writes the pictures as `NAME-01.png` and so on, and the captures table `NAME.csv`, whose name is handed
+    /// back.
+    pub fn write(&self, folder: &Path, name: &str) -> Result<String> {
+        let mut table = String::from("image,x_mm,y_mm,c_deg\n");
+        for (i, capture) in self.captures.iter().enumerate() {
+            let image = format!("{name}-{:02}.png", i + 1);
+            capture.picture.write_png(folder.join(&image))?;
+            let [x, y] = capture.machine_mm;
+            table += &format!("{image},{x:.3},{y:.3},{}\n", capture.c_deg);
+        }
+        let file = format!("{name}.csv");
+        write_whole(folder.join(&file), table.as_bytes())?;
+        Ok(file)
+    }
 }
 
 impl AsScene for RodScene {
@@ -258,7 +250,7 @@ pub fn render_with(scene: &RodScene, camera: &Camera, seed: u64) -> Result<Rende
     }
     let seat = Rotation2::new(toward.to_radians()) * Vector2::new(eccentricity, 0.0);
     let shade = scene.light.shade(&mut dice, width, height)?;
-    let plan = plan(scene, axis, metal.outer.radius_mm, &mut dice)?;
+    let plan = plan(&scene.captures, axis, metal.outer.radius_mm, &mut dice)?;
     let mut captures = Vec::with_capacity(plan.len());
     let mut rod_centers: Vec<RodCenter> = Vec::new();
     for (i, shot) in plan.iter().enumerate() {
@@ -281,50 +273,6 @@ pub fn render_with(scene: &RodScene, camera: &Camera, seed: u64) -> Result<Rende
         drawn: dice.drawn,
     };
     Ok(RenderedRod { captures, camera: camera.clone(), truth })
-}
-
-/// One planned capture.
-struct Shot {
-    c_deg: f64,
-    /// What the control shows.
-    shown: Vector2<f64>,
-    /// Where the camera axis really is.
-    camera: Vector2<f64>,
-}
-
-/// Spreads the captures along the rim, anew at each C angle.
-fn plan(
-    scene: &RodScene,
-    axis: Vector2<f64>,
-    radius_mm: f64,
-    dice: &mut Dice,
-) -> Result<Vec<Shot>> {
-    let wish = &scene.captures;
-    if wish.c_deg.is_empty() || !wish.c_deg.iter().all(|c| c.is_finite()) {
-        return Err(dice.fault(
-            "captures.c_deg",
-            "has no finite angle",
-            "give at least one, as [0.0]",
-        ));
-    }
-    let count = dice.roll("captures.per_angle", &wish.per_angle, 1.0..=1000.0)?.round();
-    let span = dice.roll("captures.span_deg", &wish.span_deg, 0.0..=360.0)?.to_radians();
-    let stray = dice.roll("captures.stray_mm", &wish.stray_mm, 0.0..=100.0)?;
-    let noise = dice.roll("captures.position_noise_mm", &wish.position_noise_mm, 0.0..=1.0)?;
-    let mut shots = Vec::new();
-    for &c_deg in &wish.c_deg {
-        let start = dice.direction();
-        for i in 0..count as usize {
-            let angle = start + span * (i as f64 + dice.between(-0.15, 0.15)) / count;
-            let (sin, cos) = angle.sin_cos();
-            let stray = Vector2::new(dice.between(-stray, stray), dice.between(-stray, stray));
-            let wanted = axis + Vector2::new(cos, sin) * radius_mm + stray;
-            let shown = wanted.map(|x| (x * 1000.0).round() / 1000.0);
-            let camera = shown + Vector2::new(dice.normal(), dice.normal()) * noise;
-            shots.push(Shot { c_deg, shown, camera });
-        }
-    }
-    Ok(shots)
 }
 
 /// The rod itself, the same in every capture.
@@ -356,7 +304,8 @@ impl Shape {
             form_mm: Around::ragged(&mut dice.rng, rms, length, radius_mm),
             fade: Fade::new(softness, Profile::Gaussian),
         };
-        let (outer, face) = (contour(radius), contour(radius - chamfer));
+        let outer = contour(radius);
+        let face = if chamfer > 0.0 { contour(radius - chamfer) } else { outer.clone() };
         let light = dice.roll("rod.light_deg", &rod.light_deg, -360.0..=360.0)?.to_radians();
         Ok(Self {
             metal: scene.surface.metal(dice)?,
@@ -469,12 +418,15 @@ impl Scene for Sight<'_> {
         let on_face = rod.face.inside(r, angle, sample);
         // Cosine of the angle between this place on the rim and the light.
         let facing = d.dot(&rod.light) / r.max(1e-9);
-        let mut value = ground.table * (1.0 - rod.shadow * self.shadow(r, facing));
+        let table = ground.table * (1.0 - rod.shadow * self.shadow(r, facing));
+        let mut value = table;
         if on_rod > 0.0 {
             let lit = (0.5 + 0.5 * facing).powi(2);
             let chamfer = rod.chamfer_dark + (rod.chamfer_lit - rod.chamfer_dark) * lit;
-            value += (chamfer * (0.5 + 0.5 * ground.face) - value) * on_rod;
-            value += (rod.metal.level * ground.face - value) * on_face;
+            // What is not face is chamfer, what is not rod is table.
+            value = table * (1.0 - on_rod)
+                + chamfer * (0.5 + 0.5 * ground.face) * (on_rod - on_face).max(0.0)
+                + rod.metal.level * ground.face * on_face;
         }
         value += ground.glare * (0.3 + 0.7 * on_rod);
         for dot in &near.dots {

@@ -96,10 +96,19 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
             Some(Value::Null) | None => vec!["Correct the strongest named effect, measure again, and compare with the predicted gap.".into()],
             Some(other) => vec![super::words(Some(other))],
         },
-        ("batch", _) => match get("failed").unwrap_or(0.0) {
-            0.0 => vec!["Nothing failed. The rows are in results.csv.".into()],
-            failed => vec![format!("Read the {failed} reasons in results.csv (column reason), capture these pictures again, then batch --resume --retry-failed.")],
-        },
+        ("batch", _) => {
+            let mut steps = vec!["The rows are in results.csv.".to_owned()];
+            if let Some(n) = get("failed").filter(|n| *n > 0.0) {
+                steps.push(format!("Read the reasons of the {n} pictures that could not be measured (column reason), capture them again, then batch --resume --retry-failed."));
+            }
+            if let Some(n) = get("fail").filter(|n| *n > 0.0) {
+                steps.push(format!("Correct what the {n} rows with verdict fail show."));
+            }
+            if let Some(n) = get("undecided").filter(|n| *n > 0.0) {
+                steps.push(format!("Measure the {n} undecided ones again with less uncertainty."));
+            }
+            steps
+        }
         (_, "pass" | "consistent") => vec!["Nothing to correct.".into()],
         (_, "fail") => vec!["Correct what is out of tolerance, then measure again.".into()],
         (_, "undecided") => vec!["Measure again with less uncertainty: more points, more runs, better light.".into()],

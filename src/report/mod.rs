@@ -68,15 +68,15 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
 /// Verdict, numbers, charts, budget and advice of one result.
 fn section(command: &str, result: &Value) -> String {
     let mut text = String::new();
-    if let Some(image) = result.get("image").and_then(Value::as_str) {
-        text += &format!("<h2>{}</h2>\n", escape(image));
-    }
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
         "<p class=\"verdict {verdict}\"><b>{}</b> {}</p>\n",
         verdict.to_uppercase(),
         escape(&sentence)
     );
+    if let Some(image) = result.get("image").and_then(Value::as_str) {
+        text += &format!("<h2>{}</h2>\n", escape(image));
+    }
     let rows = numbers::characteristics(command, result);
     if !rows.is_empty() {
         text += "<h2>Results</h2>\n";

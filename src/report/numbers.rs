@@ -16,7 +16,7 @@ pub struct Characteristic {
     unit: &'static str,
     nominal: Option<f64>,
     actual: f64,
-    tolerance: Option<f64>,
+    tolerance: String,
     u95: Option<f64>,
     verdict: Option<Verdict>,
 }
@@ -35,7 +35,7 @@ impl Characteristic {
             text(self.nominal),
             text(Some(self.actual)),
             self.nominal.map_or(String::new(), |n| format!("{:+.digits$}", self.actual - n)),
-            self.tolerance.map_or(String::new(), |t| format!("{t}")),
+            self.tolerance.clone(),
             self.u95.map_or(String::new(), |u| format!("{u:.digits$}")),
             self.verdict.map_or(String::new(), |v| v.word().to_owned()),
         ]
@@ -71,7 +71,7 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
                 unit: unit(&key),
                 nominal: nominal(command, map, &key),
                 actual,
-                tolerance,
+                tolerance: tolerance.map_or(String::new(), |t| format!("≤ {t}")),
                 u95: Some(u95),
                 verdict: tolerance
                     .and_then(|_| serde_json::from_value(map.get("verdict")?.clone()).ok()),
@@ -87,8 +87,12 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             unit: unit(key),
             nominal: None,
             actual: bound("value")?,
-            tolerance: bound("max").or(bound("min")),
-            u95: bound("u95"),
+            tolerance: match (bound("min"), bound("max")) {
+                (Some(min), Some(max)) => format!("{min} … {max}"),
+                (Some(min), None) => format!("≥ {min}"),
+                (None, max) => max.map_or(String::new(), |max| format!("≤ {max}")),
+            },
+            u95: bound("u95").filter(|u| *u > 0.0),
             verdict: serde_json::from_value(limit.get("verdict")?.clone()).ok(),
         })
     }));

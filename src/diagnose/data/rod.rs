@@ -10,7 +10,7 @@ use crate::diagnose::data::{angle_warning, check_direction, known_effects, need,
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -363,5 +363,20 @@ impl Experiment for RodExperiment {
         });
         let (u, v): (Vec<f64>, Vec<f64>) = pixels.map(|p| (p.x, p.y)).unzip();
         vec![("u_px", u), ("v_px", v)]
+    }
+
+    fn proposals(&self) -> Vec<PlannedCapture> {
+        // Corners of the frame over irregular C angles.
+        let reach = |axis: usize| 0.5 * self.data.travel_mm(axis).max(1.0);
+        (0..8)
+            .map(|k: i32| {
+                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+                let mut capture = std::collections::BTreeMap::new();
+                capture.insert("x_mm", self.data.pole.x + side(k) * reach(0));
+                capture.insert("y_mm", self.data.pole.y + side(k / 2) * reach(1));
+                capture.insert("c_deg", f64::from(k * 83 % 360));
+                PlannedCapture(capture)
+            })
+            .collect()
     }
 }

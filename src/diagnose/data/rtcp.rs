@@ -8,7 +8,7 @@ use crate::diagnose::data::{angle_warning, check_direction, length_warning, need
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
 use crate::error::Result;
 use crate::machine::Machine;
@@ -272,5 +272,54 @@ impl Experiment for RtcpExperiment {
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
         let column = |k: usize| predicted.iter().skip(k).step_by(3).copied().collect();
         vec![("dx_mm", column(0)), ("dy_mm", column(1)), ("dz_mm", column(2))]
+    }
+
+    fn proposals(&self) -> Vec<PlannedCapture> {
+        let mut list = Vec::new();
+        for b in 0..13 {
+            for c in 0..13 {
+                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+                let mut capture = std::collections::BTreeMap::new();
+                // C angles that no small harmonic repeats on.
+                capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
+                capture.insert("c_deg", f64::from(c * 83 % 360));
+                if !self.data.dir_b.is_empty() {
+                    capture.insert("dir_b", side(b + c));
+                }
+                if !self.data.dir_c.is_empty() {
+                    capture.insert("dir_c", side(b + c / 2));
+                }
+                list.push(PlannedCapture(capture));
+            }
+        }
+        list
+    }
+
+    fn with_plan(&self, plan: &[PlannedCapture]) -> Option<Box<dyn Experiment>> {
+        let column = |name: &str| plan.iter().filter_map(|c| c.0.get(name).copied()).collect();
+        let (b_deg, c_deg): (Vec<f64>, Vec<f64>) = (column("b_deg"), column("c_deg"));
+        // Taken right after the run, at the temperature it ended with.
+        let after = |c: &[f64], step: f64| -> Vec<f64> {
+            let last = c.last().copied();
+            last.map_or_else(Vec::new, |l| (1..=plan.len()).map(|k| l + step * k as f64).collect())
+        };
+        let commanded =
+            b_deg.iter().zip(&c_deg).map(|(b, c)| nominal(&self.data.geometry, *b, *c)).collect();
+        let data = Rtcp {
+            geometry: self.data.geometry.clone(),
+            dir_b: column("dir_b"),
+            dir_c: column("dir_c"),
+            t_s: after(&self.data.t_s, 20.0),
+            temp_c: after(&self.data.temp_c, 0.0),
+            commanded,
+            b_deg,
+            c_deg,
+        };
+        let zeros = vec![vec![0.0; plan.len()]; 3];
+        let layout = layout(&data, &zeros, false);
+        // The library stays the run's own: its forms and their order are what the model refers to.
+        let library = library(&self.data);
+        let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
+        Some(Box::new(Self { data, library, known, layout, nuisances }))
     }
 }

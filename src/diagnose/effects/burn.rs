@@ -169,5 +169,17 @@ pub fn library(data: &Columns) -> L {
             1e-3 * data.get("height_mm")[row].powi(2)
         });
     }
+    for axes in ALL {
+        let mut parameters: Vec<Parameter> =
+            axes.iter().map(|a| Parameter::linear(["x_per_m", "y_per_m"][*a], 0.01)).collect();
+        parameters.push(Parameter::shape("ring_zero_mm", &[5.0, 12.0, 25.0, 50.0]));
+        // The ring has a size of its own where the beam is narrowest.
+        l.form(parameters, move |data, p, errors| {
+            for (e, h) in errors.iter_mut().zip(data.get("height_mm")) {
+                let size = 1e-3 * (h + p[axes.len()]).powi(2);
+                axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
+            }
+        });
+    }
     l
 }

@@ -201,15 +201,20 @@ pub fn measure_frames(
         .collect();
     let (mut arcs, mut fitted) = follow(captures, frames, &starts, &angle_of, rim)?;
     let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
-    if !nominal && let Some(radius) = outer::edge(&arcs, frames, &fitted) {
-        // What was found is the inner edge of a chamfer: the rod is the edge outside it.
-        let rim = Rim {
-            circle: Circle { center: fitted.centers[0], radius },
-            inner_mm: Some(fitted.radius),
-            outer_mm: None,
+    for _ in 0..2 {
+        let Some((shift, radius, inner_mm)) = outer::rim(captures, &angle_of, frames, &fitted)
+        else {
+            break;
         };
-        if let Ok(better) = follow(captures, frames, &fitted.centers, &angle_of, rim) {
-            (arcs, fitted) = better;
+        let moved = shift.norm().max((radius - fitted.radius).abs());
+        if moved < 0.03 || (nominal && shift.norm() < 0.03) {
+            break;
+        }
+        let starts: Vec<Vector2<f64>> = fitted.centers.iter().map(|c| c + shift).collect();
+        let rim = Rim { circle: Circle { center: starts[0], radius }, inner_mm, outer_mm: None };
+        match follow(captures, frames, &starts, &angle_of, rim) {
+            Ok(better) => (arcs, fitted) = better,
+            Err(_) => break,
         }
     }
     finish(captures, frames, options, &c_deg, &arcs, &fitted)

@@ -1,0 +1,251 @@
+//! Hidden effects in `ballbar`, `thermal` and `burn` data.
+
+use rand::{Rng, RngExt};
+
+use pivotsight::diagnose::data::columns::ColumnsExperiment;
+use pivotsight::diagnose::experiment::Experiment;
+use pivotsight::machine::{Head, Machine, Table as Origin};
+use pivotsight::table::Table;
+
+use crate::plans::{gauss, length_beyond};
+use crate::score::Sort;
+use crate::{Case, Truth};
+
+/// A row's numbers, in the order of the kind's columns.
+type Row = Vec<f64>;
+/// What an effect of a size adds to each output.
+type Effect = Box<dyn Fn(&Row, f64) -> [f64; 2]>;
+
+const BURN: &[&str] = &[
+    "beam-tilt-x",
+    "beam-tilt-y",
+    "nozzle-offset",
+    "head-sag",
+    "pointing-drift",
+    "thermal-lens",
+    "camera-tilt",
+];
+const THERMAL: &[&str] = &[
+    "head-lag",
+    "head-constant",
+    "head-nonlinear",
+    "screw-nonlinear",
+    "position-quadratic",
+    "heating-hysteresis",
+    "drift-time",
+];
+const BALLBAR: &[&str] =
+    &["b-backlash", "z-backlash", "b-pitch-error", "cyclic-z", "thermal-growth"];
+
+/// height, power, B, time
+fn burn_plan(rng: &mut impl Rng) -> Vec<Row> {
+    (0..80)
+        .map(|k| {
+            let height = [10.0, 20.0, 30.0, 40.0, 50.0][rng.random_range(0..5usize)];
+            let power = [100.0, 250.0, 500.0, 750.0][rng.random_range(0..4usize)];
+            vec![height, power, f64::from(rng.random_range(-6..=6)) * 15.0, 45.0 * f64::from(k)]
+        })
+        .collect()
+}
+
+fn burn_effect(name: &str, rng: &mut impl Rng) -> Effect {
+    let phase: f64 = rng.random_range(0.0..6.28);
+    let (c, s) = (phase.cos(), phase.sin());
+    let rise = rng.random_range(1000.0..5000.0);
+    match name {
+        "beam-tilt-x" => Box::new(|r, a| [r[0] * (a / 50.0).tan(), 0.0]),
+        "beam-tilt-y" => Box::new(|r, a| [0.0, r[0] * (a / 50.0).tan()]),
+        "nozzle-offset" => Box::new(move |_, a| [a * c, a * s]),
+        "head-sag" => Box::new(|r, a| [a * r[2].to_radians().sin(), 0.0]),
+        "pointing-drift" => Box::new(move |r, a| {
+            let d = a * (1.0 - (-r[3] / rise).exp());
+            [d * c, d * s]
+        }),
+        "thermal-lens" => Box::new(move |r, a| [a * c * r[1] / 500.0, a * s * r[1] / 500.0]),
+        _ => Box::new(move |r, a| {
+            let ring = 0.5 + 0.02 * r[0];
+            [a * c * ring * ring, a * s * ring * ring]
+        }),
+    }
+}
+
+/// position, screw, head 1, head 2, time, lagged head 1, warming (±1)
+fn thermal_plan(rng: &mut impl Rng) -> Vec<Row> {
+    let (mut lagged, mut last) = (0.0, 0.0);
+    let lag = rng.random_range(400.0..1500.0);
+    let late = rng.random_range(0.2..0.9);
+    (0..180)
+        .map(|k| {
+            let t = 60.0 * f64::from(k);
+            let power = |t: f64| 0.5 + 0.5 * (t / 1300.0).sin() * (t / 3100.0).cos();
+            let h1 = 12.0 * (1.0 - (-t / 1500.0).exp()) * power(t);
+            let h2 = 7.0 * (1.0 - (-t / 3000.0).exp()) * power(t - 700.0 * late);
+            let screw = |t: f64| 20.0 + 7.0 * (1.0 - (t / 1700.0).cos());
+            lagged += (h1 - lagged) * (1.0 - (-60.0_f64 / lag).exp());
+            let warming = f64::signum(screw(t) - last);
+            last = screw(t);
+            let place = f64::from(rng.random_range(0..=10)) * 100.0;
+            vec![place, screw(t), h1, h2, t, lagged, warming]
+        })
+        .collect()
+}
+
+fn thermal_effect(name: &str) -> Effect {
+    let one = |f: fn(&Row) -> f64| -> Effect { Box::new(move |r, a| [a * f(r), 0.0]) };
+    match name {
+        "head-lag" => one(|r| r[5] - r[2]),
+        "head-constant" => one(|_| 1.0),
+        "head-nonlinear" => one(|r| r[2] * r[2] * (1.0 + 0.02 * r[2])),
+        "screw-nonlinear" => one(|r| (r[1] - 20.0).powi(2) * r[0] / 1e4),
+        "position-quadratic" => one(|r| (r[0] / 1000.0).powi(2)),
+        "heating-hysteresis" => one(|r| r[6]),
+        _ => one(|r| 1.0 - (-r[4] / 9000.0).exp()),
+    }
+}
+
+/// B (rad), Z, direction, temperature
+fn ballbar_plan(rng: &mut impl Rng) -> Vec<Row> {
+    let mut rows = Vec::new();
+    for way in [1.0, -1.0] {
+        for k in 0..150 {
+            let k = if way > 0.0 { f64::from(k) } else { 149.0 - f64::from(k) };
+            let b = (-60.0 * k / 149.0_f64).to_radians();
+            let temp = 20.0 + 4.0 * rng.random_range(0.0..1.0);
+            rows.push(vec![b, -800.0 * (1.0 - b.cos()), -way, temp]);
+        }
+    }
+    rows
+}
+
+/// Length of the bar with the tool off by `(x, z)`, less the nominal.
+fn stretch(r: &Row, x: f64, z: f64) -> [f64; 2] {
+    let (tx, tz) = (-400.0 * r[0].sin(), -400.0 * r[0].cos() + r[1] + 800.0);
+    [((tx + x).powi(2) + (tz + z).powi(2)).sqrt() - (tx * tx + tz * tz).sqrt(), 0.0]
+}
+
+fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
+    let phase: f64 = rng.random_range(0.0..6.28);
+    let order = f64::from(rng.random_range(2..=4u8));
+    let swing = |r: &Row, e: f64| {
+        (-400.0 * ((r[0] + e).sin() - r[0].sin()), -400.0 * ((r[0] + e).cos() - r[0].cos()))
+    };
+    match name {
+        "b-backlash" => Box::new(move |r, a| {
+            let (x, z) = swing(r, -a / 400.0 * r[2]);
+            stretch(r, x, z)
+        }),
+        "z-backlash" => Box::new(|r, a| stretch(r, 0.0, -a * r[2])),
+        "b-pitch-error" => Box::new(move |r, a| {
+            let (x, z) = swing(r, a / 400.0 * (order * r[0] + phase).sin());
+            stretch(r, x, z)
+        }),
+        "cyclic-z" => Box::new(move |r, a| {
+            stretch(r, 0.0, a * (r[1] / 10.0 * std::f64::consts::TAU + phase).sin())
+        }),
+        _ => Box::new(|r, a| {
+            let g = a * (r[3] - 20.0);
+            stretch(r, -g * r[0].sin(), -g * r[0].cos())
+        }),
+    }
+}
+
+/// One case of a kind.
+pub fn case(kind: &str, sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
+    let (rows, names, noise) = match kind {
+        "burn" => (burn_plan(rng), BURN, 0.003),
+        "thermal" => (thermal_plan(rng), THERMAL, 0.001),
+        _ => (ballbar_plan(rng), BALLBAR, 0.0008),
+    };
+    let outputs = if kind == "burn" { 2 } else { 1 };
+    let mut truth = Truth::default();
+    let mut hidden = Vec::new();
+    while truth.names.len() < sort.known {
+        let at = if truth.names.is_empty() { index } else { rng.random_range(0..names.len()) };
+        let name = names[at % names.len()];
+        if !truth.names.contains(&name) {
+            truth.names.push(name);
+            hidden.push(match kind {
+                "burn" => burn_effect(name, rng),
+                "thermal" => thermal_effect(name),
+                _ => ballbar_effect(name, rng),
+            });
+        }
+    }
+    let column = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).collect::<Vec<f64>>();
+    let nuisances = match kind {
+        "burn" => Vec::new(),
+        "thermal" => vec![
+            column(&|r| r[2]),
+            column(&|r| r[3]),
+            column(&|r| (r[1] - 20.0) * r[0]),
+            column(&|r| r[1] - 20.0),
+        ],
+        _ => vec![column(&|_| 1.0), column(&|r| r[0].sin()), column(&|r| r[0].cos())],
+    };
+    let mut values = vec![[0.0; 2]; rows.len()];
+    for e in &hidden {
+        let unit: Vec<f64> = rows
+            .iter()
+            .flat_map(|r| e(r, 1e-6).into_iter().take(outputs).collect::<Vec<_>>())
+            .collect();
+        let size = sort.z * noise * 1e-6 / length_beyond(unit, &nuisances).max(1e-15);
+        for (v, r) in values.iter_mut().zip(&rows) {
+            let x = e(r, size);
+            v[0] += x[0];
+            v[1] += x[1];
+        }
+    }
+    let mut csv = String::from(match kind {
+        "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
+        "thermal" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
+        _ => "b_deg,z_mm,dir,temp_c,length_mm\n",
+    });
+    let (dx, dz) = (0.05 * gauss(rng), 0.05 * gauss(rng));
+    for (r, v) in rows.iter().zip(&values) {
+        csv += &match kind {
+            "burn" => format!(
+                "{},{},{},{},{:.7},{:.7}\n",
+                r[0],
+                r[1],
+                r[2],
+                r[3],
+                v[0] + noise * gauss(rng),
+                v[1] + noise * gauss(rng)
+            ),
+            "thermal" => {
+                let base = 0.003 * r[2] - 0.0015 * r[3] + 1e-5 * (r[1] - 20.0) * (r[0] - 150.0);
+                format!(
+                    "{},x,{},{:.5},{:.5},{:.5},{:.7}\n",
+                    r[4],
+                    r[0],
+                    r[1],
+                    r[2],
+                    r[3],
+                    base + v[0] + noise * gauss(rng)
+                )
+            }
+            _ => {
+                let length = 400.0 + stretch(r, dx, dz)[0] + v[0] + noise * gauss(rng);
+                format!("{:.6},{:.6},{},{:.3},{length:.7}\n", r[0].to_degrees(), r[1], r[2], r[3])
+            }
+        };
+    }
+    Case { csv, noise_mm: None, truth }
+}
+
+/// The data as the diagnosis reads them.
+pub fn read(kind: &str, csv: &str) -> Box<dyn Experiment> {
+    let table = Table::parse("blind.csv", csv.as_bytes(), &[], &["*"])
+        .expect("the generator writes good tables");
+    let head = Head { delta_x_mm: 0.0, r_mm: 400.0, standoff_mm: 0.0 };
+    let machine = Machine::head_b_table_c(head, Origin::default());
+    let warnings = &mut Vec::new();
+    Box::new(
+        match kind {
+            "burn" => ColumnsExperiment::burn_table(&table, &machine, warnings),
+            "thermal" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
+            _ => ColumnsExperiment::ballbar_table(&table, &machine, warnings),
+        }
+        .expect("good data"),
+    )
+}

@@ -1,0 +1,92 @@
+//! `pivotsight demo`: the whole method on a virtual machine.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use super::{Global, Outcome, Status, envelope};
+use crate::demo::{self, Report};
+use crate::error::Result;
+use crate::output::Document;
+
+/// The whole method on a virtual machine: burn, measure, correct, solve
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Folder for the pictures
+    #[arg(long, value_name = "DIR", default_value = "demo-out")]
+    out_dir: PathBuf,
+    /// Draws another machine
+    #[arg(long, default_value_t = 3)]
+    seed: u64,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    global.say("a virtual machine is burnt, photographed, measured and corrected ...");
+    let report = demo::run(&demo::Options { seed: args.seed, folder: args.out_dir.clone() })?;
+    let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
+    let mut json = envelope("demo", input, &[]);
+    if let Ok(serde_json::Value::Object(body)) = serde_json::to_value(&report) {
+        json.extend(body);
+    }
+    let status = if report.closed { Status::Good } else { Status::OutOfTolerance };
+    Ok(Outcome { document: Some(Document::single(json.into(), story(&report, args))), status })
+}
+
+/// The report for people.
+fn story(report: &Report, args: &Args) -> String {
+    let mut s = String::new();
+    let um = |mm: f64| 1000.0 * mm;
+    for (i, test) in report.burn_tests.iter().enumerate() {
+        let [b, a] = test.true_tilt_deg;
+        let [x, y] = test.offset_mm;
+        let [ux, uy] = test.offset_u95_mm;
+        let [tx, ty] = test.true_offset_mm;
+        let _ = writeln!(
+            s,
+            "Burn test {}: truly B leans {b:+.4}° and the flange {a:+.4}°\n  \
+             offset   x {:+7.1} ± {:.1} µm (true {:+.1}), y {:+7.1} ± {:.1} µm (true {:+.1})\n  \
+             distance {:7.1} ± {:.1} µm, limit 10 µm: {}",
+            i + 1,
+            um(x),
+            um(ux),
+            um(tx),
+            um(y),
+            um(uy),
+            um(ty),
+            um(test.distance_mm),
+            um(test.distance_u95_mm),
+            test.verdict,
+        );
+        if let Some([b, shim]) = test.correction_deg {
+            let _ = writeln!(s, "  turn B by {b:+.4}° and the flange by {shim:+.4}°");
+        }
+    }
+    let _ = writeln!(s, "\nRod photographed at three C angles, touched at B = ±90°, solved (mm):");
+    let _ = writeln!(s, "  {:<16}{:>12}{:>12}{:>9}", "", "true", "found", "± u95");
+    for v in &report.values {
+        let mark = if v.within_u95 { "" } else { "  outside" };
+        let _ = writeln!(
+            s,
+            "  {:<16}{:>12.4}{:>12.4}{:>9.4}{mark}",
+            v.name.trim_end_matches("_mm"),
+            v.true_mm,
+            v.found_mm,
+            v.u95_mm
+        );
+    }
+    for (i, [x, y, z]) in report.vectors_mm.iter().enumerate() {
+        let _ = writeln!(s, "  I{} = ({x:.4}, {y:.4}, {z:.4})", i + 1);
+    }
+    let _ = writeln!(
+        s,
+        "\nTool point's largest error for B within ±90°: {:.3} mm before, {:.4} mm after",
+        report.rtcp_before_mm, report.rtcp_after_mm
+    );
+    let _ = writeln!(
+        s,
+        "{}; pictures in {}",
+        if report.closed { "The loop is closed" } else { "The loop is NOT closed" },
+        args.out_dir.display()
+    );
+    s
+}
