@@ -152,7 +152,12 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                 && m.gain > options.least_gain * typical
                 && m.gain < 4.0 * typical
                 && m.misfit < options.worst_fit * typical_misfit;
-            alive[s] = f64::from(u8::from(good || (round == 0 && enough(&sectors[s]))));
+            // A first round only sorts out what has no edge at all.
+            let first = round == 0
+                && enough(&sectors[s])
+                && m.shift_variance.is_finite()
+                && m.gain > 0.1 * typical;
+            alive[s] = f64::from(u8::from(good || first));
         }
         if alive.iter().sum::<f64>() < 6.0 {
             return None;

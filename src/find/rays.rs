@@ -64,10 +64,10 @@ impl Rays {
         // On a clean picture nearly all slopes are tiny: then a part of the strongest ones is the measure.
         let high = sizes.len() * 98 / 100;
         let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
-        let unit = (4.0 * typical).max(0.3 * strong).max(1e-6);
+        let unit = (4.0 * typical).max(0.05 * strong).max(1e-6);
         let agree: Vec<f64> = (0..=self.length)
             .map(|r| {
-                let (mut sum, mut n) = (0.0f64, 0.0);
+                let (mut sum, mut size, mut n) = (0.0f64, 0.0, 0.0);
                 for ray in &self.slope {
                     // The edge may be a little nearer or farther in this direction.
                     let window = r.saturating_sub(2)..=(r + 2).min(self.length);
@@ -81,9 +81,15 @@ impl Rays {
                     if let Some(v) = best {
                         n += 1.0;
                         sum += f64::from((v / unit).clamp(-1.0, 1.0));
+                        size += f64::from((v / strong.max(1e-6)).clamp(-1.0, 1.0));
                     }
                 }
-                if n >= 0.15 * RAYS as f64 { sum / n * (n / RAYS as f64).sqrt() } else { 0.0 }
+                // Where all directions agree over several radii, the steepest one is the edge.
+                if n >= 0.15 * RAYS as f64 {
+                    (sum + 0.05 * size) / n * (n / RAYS as f64).sqrt()
+                } else {
+                    0.0
+                }
             })
             .collect();
         let mut list: Vec<(f64, f64, f64)> = Vec::new();

@@ -219,7 +219,7 @@ fn marks(
         },
     );
     let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
-    let rings = ring_candidates(&steady);
+    let rings = ring_candidates(&steady, 0.06 * side);
     let mut warnings = Vec::new();
     let mut no_spot = false;
     for outer in rings.iter().take(4) {
@@ -289,10 +289,11 @@ fn is_steady(c: &Candidate) -> bool {
 }
 
 /// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
-fn ring_candidates(all: &[Candidate]) -> Vec<Candidate> {
+fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
     let rank =
         |c: &Candidate| c.score * c.coverage * c.circle.radius.sqrt() / (1.0 + 0.1 * c.scatter_px);
-    let mut list = all.to_vec();
+    let mut list: Vec<Candidate> =
+        all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
     list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     let mut rings: Vec<Candidate> = Vec::new();
     for c in list.iter().take(8) {
@@ -353,7 +354,8 @@ fn measure_pair(
 ) -> Option<(Ring, Ring)> {
     let mut edges: Vec<Candidate> = all.iter().filter(|c| concentric(c, outer)).copied().collect();
     edges.push(*spot);
-    let ring = measure_candidate(frame, view, outer, &edges)?;
+    let ring = measure_candidate(frame, view, outer, &edges);
+    let ring = ring?;
     // The spot's band ends where the ring's next edge begins.
     let reach = edges
         .iter()
@@ -373,7 +375,8 @@ fn measure_pair(
         outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
         softness_px: spot.softness_px.max(1.5),
     };
-    let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    let spot = ring::measure(frame, view, rough, search, Some(&ring.wander));
+    let spot = spot?;
     let plausible = spot.circle.radius < 0.6 * ring.circle.radius
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
         && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;

@@ -10,6 +10,9 @@ use crate::frame::Frame;
 
 /// Groups of sectors the correlated fit works on: enough for the wander of any real edge.
 const GROUPS: usize = 72;
+/// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the
+/// softness beyond 3 px is added to the centre's standard uncertainty.
+const SOFT_EDGE: f64 = 0.003;
 
 /// Where the edge is looked for.
 #[derive(Debug, Clone, Copy)]
@@ -28,8 +31,7 @@ impl Search {
     /// Width of the band either side: wide enough to know both levels well (a band of ±3 softnesses costs a
     /// third of the accuracy), and for the edge to be anywhere within reach.
     fn band_px(&self) -> (f64, f64) {
-        let bb: f64 = std::env::var("BAND").ok().and_then(|s| s.parse().ok()).unwrap_or(8.0);
-        let wide = (bb * self.softness_px).max(bb * 5.0 / 8.0) + self.reach_px;
+        let wide = (8.0 * self.softness_px).max(5.0) + self.reach_px;
         (wide.min(self.inside_limit_px), wide.min(self.outside_limit_px))
     }
 }
@@ -111,12 +113,14 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
     let mut profiles = read(frame, &contour, band, softness);
     // Faint edges need wider sectors: a point must be surer than the edge is soft.
+    let mut best = None;
     let located = loop {
         let located = locate(&profiles, contour.closed, LocateOptions::default());
         let sure =
             located.as_ref().is_some_and(|l| l.point_sd_px() < 0.2 * l.step.softness_px.max(0.7));
+        best = located.or(best);
         if sure || profiles.sectors() < 48 {
-            break located?;
+            break best?;
         }
         profiles = profiles.halved();
     };
@@ -221,8 +225,7 @@ fn finish(
         .zip(robust_weights(points))
         .zip(&points.place_mm)
         .map(|((robust, own), p)| {
-            let kk: f64 = std::env::var("KEEP").ok().and_then(|s| s.parse().ok()).unwrap_or(3.5);
-            let keep = (*robust > 0.0 || kk > 5.0) && about.distance(*p).abs() < kk * fitted.scale;
+            let keep = *robust > 0.0 && about.distance(*p).abs() < 3.5 * fitted.scale;
             if keep { own } else { 0.0 }
         })
         .collect();
@@ -231,14 +234,14 @@ fn finish(
     let step = Vector2::new(fit.beta[0], fit.beta[1]);
     let center = about.center + step;
     let form = fit.residuals.norm_squared() / fit.residuals.len() as f64;
-    let blur_mm = {
-        // A blurred disc's half level lies σ²/2R inside its rim.
-        let s = points.located.step.softness_px;
-        let per_px = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
-        s * s / (2.0 * points.radius_px) * per_px
-    };
+    let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
+    // A blurred disc's half level lies σ²/2R inside its rim.
+    let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
+    let soft_mm = SOFT_EDGE * (points.located.step.softness_px - 3.0).max(0.0) * pixel_mm;
+    covariance[(0, 0)] += soft_mm * soft_mm;
+    covariance[(1, 1)] += soft_mm * soft_mm;
     let used = weights.iter().filter(|w| **w > 0.0).count();
     Some(Ring {
         circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm },
@@ -279,8 +282,7 @@ pub(super) fn group_rows(
     for chunk in (0..n).collect::<Vec<_>>().chunks(size) {
         let (mut total, mut sum, mut at, mut spread) = (0.0, 0.0, Vector2::zeros(), 0.0);
         for &i in chunk {
-            let w =
-                if std::env::var("FLAT").is_ok() && weights[i] > 0.0 { 1.0 } else { weights[i] };
+            let w = weights[i];
             if w > 0.0 {
                 total += w;
                 sum += w * about.distance(points.place_mm[i]);
@@ -298,9 +300,6 @@ pub(super) fn group_rows(
         }
     }
     let mean = variance.iter().sum::<f64>() / variance.len().max(1) as f64;
-    if std::env::var("FLAT").is_ok() {
-        variance.iter_mut().for_each(|v| *v = mean);
-    }
     variance.iter_mut().for_each(|v| *v = v.max(0.05 * mean));
     correlated::Rows {
         design: DMatrix::from_row_slice(y.len(), 3, &design),
