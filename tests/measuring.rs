@@ -1,0 +1,132 @@
+//! `burn`, `rod` and `circles` end to end: rendered pictures against their truth, real washers against a
+//! coordinate measuring machine, and messages for bad input.
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+fn run(args: &[&str]) -> (i32, Value, String) {
+    let output = Command::cargo_bin("pivotsight").unwrap().args(args).output().unwrap();
+    let json = serde_json::from_slice(&output.stdout).unwrap_or(Value::Null);
+    (output.status.code().unwrap(), json, String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+fn image(path: &str) -> String {
+    format!("{}/images/{path}", env!("CARGO_MANIFEST_DIR"))
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path} in {value}"))
+}
+
+/// Errors stay within twice the stated 95 % interval (one in twenty may leave the interval itself).
+#[test]
+fn burns_are_measured_to_their_uncertainty() {
+    for folder in ["burn-clean", "burn-typical", "burn-hard"] {
+        for picture in ["burn-0001", "burn-0002"] {
+            let truth = std::fs::read(image(&format!("{folder}/{picture}.truth.json"))).unwrap();
+            let truth: Value = serde_json::from_slice(&truth).unwrap();
+            let (code, result, error) = run(&[
+                "burn",
+                &image(&format!("{folder}/{picture}.png")),
+                "--calib",
+                &image(&format!("{folder}/calib.toml")),
+                "--format",
+                "json",
+            ]);
+            assert!(code <= 1, "{folder}/{picture}: {error}");
+            for axis in 0..2 {
+                let found = number(&result, &format!("/offset_mm/{axis}"));
+                let u95 = number(&result, &format!("/offset_u95_mm/{axis}"));
+                let real = number(&truth, &format!("/offset_mm/{axis}"));
+                assert!(
+                    (found - real).abs() < 2.0 * u95,
+                    "{folder}/{picture}: {found} {real} {u95}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn washers_agree_with_the_coordinate_measuring_machine() {
+    let data = format!("{}/../shared/data/washers", env!("CARGO_MANIFEST_DIR"));
+    let Ok(cmm) = std::fs::read_to_string(format!("{data}/cmm.csv")) else {
+        println!("skipped: the washer pictures are not here");
+        return;
+    };
+    let zones: Vec<f64> =
+        cmm.lines().skip(1).map(|l| l.split(',').nth(9).unwrap().parse().unwrap()).collect();
+    let folder = tempfile::tempdir().unwrap();
+    for (camera, mm_per_px, limit_mm) in [("ccd4", 0.01740, 0.0030), ("ccd1", 0.03133, 0.0046)] {
+        let calib = folder.path().join("scale.toml");
+        std::fs::write(&calib, format!("schema = 1\n[scale]\nmm_per_px = {mm_per_px}\n")).unwrap();
+        let pictures: Vec<String> =
+            (1..=20).map(|i| format!("{data}/{camera}/{i:04}.png")).collect();
+        let mut args = vec!["circles"];
+        args.extend(pictures.iter().map(String::as_str));
+        let calib = calib.to_str().unwrap();
+        args.extend([
+            "--calib",
+            calib,
+            "--expect-mm",
+            "23.7",
+            "--expect-mm",
+            "19.05",
+            "--format",
+            "json",
+        ]);
+        let (code, result, error) = run(&args);
+        assert_eq!(code, 0, "{error}");
+        let results = result["results"].as_array().unwrap();
+        let squares: f64 = results
+            .iter()
+            .zip(&zones)
+            .map(|(r, zone)| (number(r, "/pairs/0/distance_mm") - 0.5 * zone).powi(2))
+            .sum();
+        let rms = (squares / 20.0).sqrt();
+        println!("{camera}: rms {:.2} µm", rms * 1e3);
+        assert!(rms < limit_mm, "{camera}: {rms}");
+    }
+}
+
+#[test]
+fn bad_input_is_named_and_nothing_is_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let good = image("burn-clean/burn-0001.png");
+    let calib = image("burn-clean/calib.toml");
+    std::fs::write(at("empty.png"), b"").unwrap();
+    std::fs::write(at("text.png"), b"not a picture at all").unwrap();
+    let whole = std::fs::read(&good).unwrap();
+    std::fs::write(at("cut.png"), &whole[..whole.len() / 3]).unwrap();
+    std::fs::write(at("unknown.toml"), "schema = 1\n[scale]\nmm_per_px = 0.01\nmm_per_pixel = 2\n")
+        .unwrap();
+    std::fs::write(at("nan.csv"), "image,x_mm,y_mm\na.png,0,0\nb.png,NaN,1\n").unwrap();
+    std::fs::write(at("column.csv"), "image,x_mm\na.png,0\n").unwrap();
+    let plate = image::GrayImage::from_fn(400, 300, |x, y| {
+        image::Luma([120 + ((x * 7 + y * 13) % 11) as u8])
+    });
+    plate.save(at("plate.png")).unwrap();
+    std::fs::write(at("scale.toml"), "schema = 1\n[scale]\nmm_per_px = 0.01\n").unwrap();
+    let out = at("result.json");
+    for (args, words) in [
+        (vec!["burn", "missing.png", "--calib", &calib], "missing.png"),
+        (vec!["burn", &at("empty.png"), "--calib", &calib], "empty"),
+        (vec!["burn", &at("text.png"), "--calib", &calib], "not a picture"),
+        (vec!["burn", &at("cut.png"), "--calib", &calib], "cut"),
+        (vec!["burn", &good, "--calib", &at("unknown.toml")], "mm_per_pixel"),
+        (vec!["burn", &at("plate.png"), "--calib", &calib], "px"),
+        (vec!["burn", &at("plate.png"), "--calib", &at("scale.toml")], "no ring"),
+        (vec!["burn", &good, "--calib", &calib, "--spot-height-mm", "60"], "--ring-height-mm"),
+        (vec!["circles", &good, "--calib", &calib, "--expect-mm", "2300"], "--expect-mm"),
+        (vec!["rod", &at("nan.csv"), "--calib", &calib], "nan.csv:3"),
+        (vec!["rod", &at("column.csv"), "--calib", &calib], "y_mm"),
+    ] {
+        let mut all = args.clone();
+        all.extend(["--out", &out]);
+        let (code, _, error) = run(&all);
+        assert_eq!(code, 2, "{args:?}: {error}");
+        assert!(error.contains(words), "{args:?}: {error}");
+        assert!(!std::path::Path::new(&out).exists(), "{args:?}");
+    }
+}
