@@ -4,6 +4,8 @@
 //! Data flows one way, and so do the modules: pixels ([`frame`]) → edges → fits → measurements →
 //! machine → results. The command line ([`cli`]) only parses, calls and prints.
 
+#![warn(clippy::unwrap_used)]
+
 pub mod align;
 pub mod ballbar;
 pub mod batch;

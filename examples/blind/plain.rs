@@ -49,7 +49,7 @@ fn burn_plan(rng: &mut impl Rng) -> Vec<Row> {
 }
 
 fn burn_effect(name: &str, rng: &mut impl Rng) -> Effect {
-    let phase: f64 = rng.random_range(0.0..6.28);
+    let phase: f64 = rng.random_range(0.0..std::f64::consts::TAU);
     let (c, s) = (phase.cos(), phase.sin());
     let rise = rng.random_range(1000.0..5000.0);
     match name {
@@ -124,7 +124,7 @@ fn stretch(r: &Row, x: f64, z: f64) -> [f64; 2] {
 }
 
 fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
-    let phase: f64 = rng.random_range(0.0..6.28);
+    let phase: f64 = rng.random_range(0.0..std::f64::consts::TAU);
     let order = f64::from(rng.random_range(2..=4u8));
     let swing = |r: &Row, e: f64| {
         (-400.0 * ((r[0] + e).sin() - r[0].sin()), -400.0 * ((r[0] + e).cos() - r[0].cos()))

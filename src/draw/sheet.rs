@@ -196,7 +196,10 @@ impl<'a> Sheet<'a> {
         let panel = 2 * pad + 2 * row + lines.len() * row;
         self.canvas.height += panel;
         self.canvas.data.extend(PANEL.repeat(self.canvas.width * panel));
-        self.canvas.text(pad, top + pad, 2 * scale, &headline.0, headline.1);
+        // Twice the size of the rest, where that fits.
+        let width = 8 * headline.0.chars().count() * 2 * scale + 2 * pad;
+        let large = if width <= self.canvas.width { 2 * scale } else { scale };
+        self.canvas.text(pad, top + pad, large, &headline.0, headline.1);
         for (i, Line(text, colour)) in lines.iter().enumerate() {
             self.canvas.text(pad, top + pad + (2 + i) * row, scale, text, *colour);
         }

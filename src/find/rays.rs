@@ -212,7 +212,7 @@ fn refine(
         coverage,
         softness_px: softness * k,
         scatter_px: scale_px * k,
-        score: coverage.powi(2) * (step / noise).max(0.0).min(400.0).sqrt()
+        score: coverage.powi(2) * (step / noise).clamp(0.0, 400.0).sqrt()
             / (1.0 + 0.3 * scale_px / blur),
     })
 }

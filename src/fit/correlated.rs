@@ -81,7 +81,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         return None;
     }
     let mean_variance = rows.variance.iter().sum::<f64>() / n as f64;
-    if !(mean_variance > 0.0) {
+    if mean_variance.is_nan() || mean_variance <= 0.0 {
         return None;
     }
     let grid = grid(rows, known);

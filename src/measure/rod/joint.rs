@@ -47,8 +47,8 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         let mut right = DVector::<f64>::zeros(2 * angles + 1);
         let mut sizes = Vec::new();
         for (k, arc) in arcs.iter().enumerate() {
-            for i in 0..arc.points.place_mm.len() {
-                if own[k][i] > 0.0 {
+            for (i, own) in own[k].iter().enumerate() {
+                if *own > 0.0 {
                     sizes.push((distance(arc, i, &centers, radius)).abs());
                 }
             }

@@ -54,7 +54,7 @@ pub(super) fn rim(
     let mut found: Vec<(f64, Vector2<f64>, f64)> = Vec::new();
     for h in hypotheses(&sights) {
         let (shift, grown) = (Vector2::new(h.x, h.y), h.z);
-        if shift.norm() > 0.5 || grown < -INSIDE_MM || grown > OUTSIDE_MM {
+        if shift.norm() > 0.5 || !(-INSIDE_MM..=OUTSIDE_MM).contains(&grown) {
             continue;
         }
         let support: f64 = sights

@@ -5,7 +5,6 @@ use nalgebra::Vector2;
 use crate::camera::View;
 use crate::find::{Look, look};
 use crate::fit::Circle;
-use crate::fit::circle;
 use crate::frame::Frame;
 
 /// Share of a capture's gradients that vote.
@@ -77,7 +76,7 @@ fn voters_at(
     seen.truncate(keep);
     let least = 1.5 * look.noise as f32 / (blur * blur) as f32;
     seen.retain(|s| s.0 > least);
-    seen.sort_by(|a, b| (a.2, a.1).cmp(&(b.2, b.1)));
+    seen.sort_by_key(|s| (s.2, s.1));
     let step = seen.len().div_ceil(VOTERS).max(1);
     seen.iter()
         .step_by(step)
