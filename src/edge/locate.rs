@@ -101,7 +101,13 @@ struct Bin {
 pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Located> {
     let sectors: Vec<Vec<Bin>> = (0..profiles.sectors()).map(|s| bins_of(profiles, s)).collect();
     let n = sectors.len();
-    let enough = |bins: &Vec<Bin>| bins.len() * 3 >= profiles.bins * 2;
+    // Whole or nearly so: the frame's border cuts some sectors short. Bins tell nothing: an edge along a row or
+    // column of pixels fills few of them, as well as any other.
+    let pixels = |bins: &Vec<Bin>| bins.iter().map(|b| b.count).sum::<f64>();
+    let all: Vec<f64> = sectors.iter().map(pixels).collect();
+    let seen: Vec<f64> = all.iter().map(|c| f64::from(u8::from(*c > 0.0))).collect();
+    let usual = median(&all, &seen);
+    let enough = |bins: &Vec<Bin>| bins.len() >= 4 && pixels(bins) >= 0.6 * usual;
     let mut alive: Vec<f64> = sectors.iter().map(|b| f64::from(u8::from(enough(b)))).collect();
     if alive.iter().sum::<f64>() < 6.0 {
         return None;
