@@ -21,6 +21,9 @@ use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
 use seek::Rim;
 
+/// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
+const DISAGREEMENT_MM: f64 = 0.01;
+
 /// What is known beforehand.
 #[derive(Debug, Clone)]
 pub struct Options {
@@ -372,6 +375,16 @@ fn finish(
         residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
     arc_warnings(arcs, robust, options, &mut warnings);
     let form = fit.residuals.norm_squared() / groups.len() as f64;
+    if form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points) {
+        return Err(Error::measure(
+            "captures",
+            format!(
+                "their edges do not lie on one circle: smooth arcs miss it by {:.3} mm",
+                form.sqrt()
+            ),
+            "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
+        ));
+    }
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
     Ok(Measured {
@@ -486,6 +499,20 @@ fn residuals(
         report.residual_rms_mm = (squares / count).sqrt();
     }
     (points, reports)
+}
+
+/// Scatter of neighbouring edge points about each other: the edge's own, whatever circle it is held against.
+fn local_scatter(points: &[EdgePoint]) -> f64 {
+    let mut steps: Vec<f64> = points
+        .windows(2)
+        .filter(|w| w[0].used && w[1].used && w[0].capture == w[1].capture)
+        .map(|w| (w[1].residual_mm - w[0].residual_mm).abs())
+        .collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    1.4826 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1 / 2.0f64.sqrt()
 }
 
 /// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.
