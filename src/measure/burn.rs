@@ -12,9 +12,9 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::find::{self, Candidate};
 use crate::frame::{Channel, Frame, Picture};
-use crate::measure::CircleReport;
 use crate::measure::circles::measure_candidate;
 use crate::measure::ring::{self, Ring, Search};
+use crate::measure::{CircleReport, best_channel};
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
 /// How the limit is read.
@@ -142,36 +142,17 @@ pub fn measure(
     check(options)?;
     let (width, height) = picture.size();
     let view = calibration.view(width, height)?;
-    let mut best: Option<(f64, Measured)> = None;
-    let mut first_error = None;
-    for channel in picture.channels(options.channel) {
-        let frame = picture.frame(channel);
-        match marks(&frame, &view, options, subject) {
-            Ok((ring, spot, warnings)) => {
-                let measured = report(ring, spot, options, channel, warnings);
-                let u = measured.report.offset_u95_mm;
-                let u = u[0].hypot(u[1]);
-                if best.as_ref().is_none_or(|(b, _)| u < 0.9 * b) {
-                    best = Some((u, measured));
-                }
-            }
-            Err(e) => first_error = first_error.or(Some(e)),
-        }
+    let attempt = |channel: Channel| {
+        let (ring, spot, warnings) = marks(&picture.frame(channel), &view, options, subject)?;
+        Ok(report(ring, spot, options, channel, warnings))
+    };
+    let spread = |m: &Measured| m.report.offset_u95_mm[0].hypot(m.report.offset_u95_mm[1]);
+    let mut measured = best_channel(picture, options.channel, subject, attempt, spread)?;
+    if picture.is_colour() {
+        let word = measured.report.channel.word();
+        measured.report.warnings.push(format!("colour picture: measured in its {word} channel"));
     }
-    match (best, first_error) {
-        (Some((_, mut measured)), _) => {
-            if picture.is_colour() {
-                let word = measured.report.channel.word();
-                measured
-                    .report
-                    .warnings
-                    .push(format!("colour picture: measured in its {word} channel"));
-            }
-            Ok(measured)
-        }
-        (None, Some(e)) => Err(e),
-        (None, None) => Err(Error::measure(subject, "has no channel to measure", "give a picture")),
-    }
+    Ok(measured)
 }
 
 /// Checks the options; the same for every picture.

@@ -8,8 +8,8 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate};
 use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
-use crate::measure::CircleReport;
 use crate::measure::ring::{self, Ring, Search};
+use crate::measure::{CircleReport, best_channel};
 use crate::uncertainty::distance;
 
 /// A circle is looked for within this share of its expected diameter.
@@ -85,30 +85,13 @@ pub fn measure(
     check(options)?;
     let (width, height) = picture.size();
     let view = calibration.view(width, height)?;
-    let mut best: Option<(f64, Measured)> = None;
-    let mut first_error = None;
-    for channel in picture.channels(options.channel) {
-        match in_frame(&picture.frame(channel), &view, options, channel, subject) {
-            Ok(measured) => {
-                // The channel that knows the centres best.
-                let worst = measured
-                    .report
-                    .circles
-                    .iter()
-                    .map(|c| c.circle.center_u95_mm[0].hypot(c.circle.center_u95_mm[1]));
-                let worst = worst.fold(0.0, f64::max);
-                if best.as_ref().is_none_or(|(b, _)| worst < 0.9 * b) {
-                    best = Some((worst, measured));
-                }
-            }
-            Err(e) => first_error = first_error.or(Some(e)),
-        }
-    }
-    match (best, first_error) {
-        (Some((_, measured)), _) => Ok(measured),
-        (None, Some(e)) => Err(e),
-        (None, None) => Err(Error::measure(subject, "has no channel to measure", "give a picture")),
-    }
+    let attempt = |channel| in_frame(&picture.frame(channel), &view, options, channel, subject);
+    // The circle whose centre is known worst.
+    let spread = |m: &Measured| {
+        let each = m.report.circles.iter().map(|c| c.circle.center_u95_mm);
+        each.map(|u| u[0].hypot(u[1])).fold(0.0, f64::max)
+    };
+    best_channel(picture, options.channel, subject, attempt, spread)
 }
 
 /// Refuses options that cannot be meant.

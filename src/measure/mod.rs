@@ -7,6 +7,8 @@ pub mod rod;
 
 use serde::Serialize;
 
+use crate::error::{Error, Result};
+use crate::frame::{Channel, Picture};
 use crate::uncertainty::k95;
 use ring::Ring;
 
@@ -46,5 +48,34 @@ impl CircleReport {
             arc_coverage: ring.arc_coverage,
             form_rms_mm: ring.form_rms_mm,
         }
+    }
+}
+
+/// Measures in every channel worth trying and keeps the one whose result is known best (least `spread`, by a tenth at
+/// least, so that noise does not choose); the first channel's error where none can be measured.
+pub(crate) fn best_channel<M>(
+    picture: &Picture,
+    choice: Channel,
+    subject: &str,
+    mut attempt: impl FnMut(Channel) -> Result<M>,
+    spread: impl Fn(&M) -> f64,
+) -> Result<M> {
+    let mut best: Option<(f64, M)> = None;
+    let mut first_error = None;
+    for channel in picture.channels(choice) {
+        match attempt(channel) {
+            Ok(measured) => {
+                let value = spread(&measured);
+                if best.as_ref().is_none_or(|(least, _)| value < 0.9 * least) {
+                    best = Some((value, measured));
+                }
+            }
+            Err(e) => first_error = first_error.or(Some(e)),
+        }
+    }
+    match (best, first_error) {
+        (Some((_, measured)), _) => Ok(measured),
+        (None, Some(e)) => Err(e),
+        (None, None) => Err(Error::measure(subject, "has no channel to measure", "give a picture")),
     }
 }

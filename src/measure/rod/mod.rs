@@ -4,18 +4,19 @@ mod captures;
 mod joint;
 mod outer;
 mod points;
+mod report;
 mod seek;
 
 pub use captures::{Capture, read as read_captures};
 pub use points::points_csv;
+pub use report::{CaptureReport, Options, Report, RodCenter};
 
 use nalgebra::{DMatrix, Vector2};
-use serde::Serialize;
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
-use crate::frame::{Channel, Frame, Picture};
+use crate::frame::{Frame, Picture};
 use crate::measure::ring::{self, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
@@ -23,84 +24,6 @@ use seek::Rim;
 
 /// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
 const DISAGREEMENT_MM: f64 = 0.01;
-
-/// What is known beforehand.
-#[derive(Debug, Clone)]
-pub struct Options {
-    /// The rod's nominal diameter: a prior, not a truth.
-    pub diameter_mm: Option<f64>,
-    /// Standard uncertainty of that diameter. 0.02 mm covers the tolerance of a ground rod of unknown class.
-    pub diameter_u_mm: f64,
-    /// Sense in which C turns the table: +1 or -1 (`c_sense` of the machine file).
-    pub c_sense: f64,
-    /// Which part of colour pictures is measured.
-    pub channel: Channel,
-}
-
-impl Default for Options {
-    fn default() -> Self {
-        Self { diameter_mm: None, diameter_u_mm: 0.02, c_sense: 1.0, channel: Channel::Auto }
-    }
-}
-
-/// The rod's centre at one table angle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RodCenter {
-    /// Table angle.
-    pub c_deg: f64,
-    /// Centre in machine coordinates.
-    pub center_mm: [f64; 2],
-    /// Half-widths of its 95 % intervals.
-    pub center_u95_mm: [f64; 2],
-}
-
-/// How one capture fits the common circle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct CaptureReport {
-    /// The picture.
-    pub image: String,
-    /// Machine X.
-    pub x_mm: f64,
-    /// Machine Y.
-    pub y_mm: f64,
-    /// Table angle.
-    pub c_deg: f64,
-    /// Edge points used.
-    pub edge_points: usize,
-    /// Share of the visible arc with a usable edge, 0..1.
-    pub arc_used: f64,
-    /// Mean radial residual.
-    pub residual_mean_mm: f64,
-    /// Root mean square of the radial residuals.
-    pub residual_rms_mm: f64,
-}
-
-/// The rod's result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Report {
-    /// One centre a table angle.
-    pub rod_centers: Vec<RodCenter>,
-    /// The C axis in machine coordinates.
-    pub axis_center_mm: [f64; 2],
-    /// Half-widths of its 95 % intervals.
-    pub axis_center_u95_mm: [f64; 2],
-    /// Distance of the rod's centre from the C axis; null with a single table angle.
-    pub eccentricity_mm: Option<f64>,
-    /// Half-width of its 95 % interval.
-    pub eccentricity_u95_mm: Option<f64>,
-    /// Whether several table angles part the axis from the rod's eccentricity.
-    pub axis_separated: bool,
-    /// The rod's diameter.
-    pub diameter_mm: f64,
-    /// Half-width of its 95 % interval.
-    pub diameter_u95_mm: f64,
-    /// Root mean square of the form deviation.
-    pub form_rms_mm: f64,
-    /// Every capture.
-    pub captures: Vec<CaptureReport>,
-    /// What a user should know.
-    pub warnings: Vec<String>,
-}
 
 /// One edge point, for `diagnose rod` and for overlays.
 #[derive(Debug, Clone, Copy)]
