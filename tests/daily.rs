@@ -187,3 +187,14 @@ fn shells_and_manuals_know_every_command() {
     assert!(page.contains("resume") && dir.path().join("man/pivotsight.1").exists());
     refused(dir.path(), &["man", "fly"], "not a command");
 }
+
+#[test]
+fn the_projects_own_pictures_measure_as_their_truth_says() {
+    let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("images");
+    let dir = tempfile::tempdir().unwrap();
+    let (images, junit) = (images.display().to_string(), "regress.xml");
+    let output = run(dir.path(), &["regress", &images, "--junit", junit]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    let xml = std::fs::read_to_string(dir.path().join(junit)).unwrap();
+    assert!(xml.contains("tests=\"5\" failures=\"0\""), "{xml}");
+}

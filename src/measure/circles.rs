@@ -16,7 +16,7 @@ use crate::uncertainty::distance;
 const DIAMETER_WINDOW: f64 = 0.12;
 
 /// What is asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// Expected diameters, in the order in which they are reported.
