@@ -186,6 +186,7 @@ fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
     let mut template =
         Template { start_px: profiles.bin_middle_px(0), step_px: profiles.band.bin_px, values };
     template.smooth(2);
+    template.denoise();
     template
 }
 
@@ -280,4 +281,5 @@ fn rebuild(
         }
         template.values[i] = last;
     }
+    template.denoise();
 }
