@@ -168,6 +168,11 @@ fn every_output_keeps_its_schema() {
         "schema = 1\ncalib = \"rendered/calib.toml\"\n[measure.burn]\n[limits]\nzone_mm = { max = 1.0 }\n",
     );
     check("batch rendered/*.png --job job.toml --dry-run", &["/dry_run", "/images/0"]);
+    check(
+        "batch rendered/burn-0001.png --job job.toml --out batch",
+        &["/statistics/0/column", "/files/0"],
+    );
+    check("regress {root}/images/burn-clean", &["/cases/0/checks/0/drift"]);
 
     // Machine.
     let machine = "{root}/calib/machine.toml";
@@ -284,8 +289,9 @@ fn every_output_keeps_its_schema() {
     check("thermal fit --head heat/head.csv --screw heat/screw.csv", &["/head", "/screws/0/t0_c"]);
     prepare(dir, "thermal fit --head heat/head.csv --screw heat/screw.csv --out model.json");
     check("thermal compensate --model model.json --table heat/day.csv", &["/rows/0/correction_mm"]);
+    write("bar.toml", "schema = 1\n[head]\ndelta_x_mm = 0.1\nr_mm = 400.0\n");
+    check("simulate ballbar --model bar.toml --data bar.csv", &["/kind", "/rows/0/length_mm"]);
     check("config", &["/defaults"]);
-    drop(check);
     let all: Value = serde_json::from_slice(&run(dir, "schema --format json").stdout).unwrap();
     let all: BTreeSet<String> = serde_json::from_value(all["schemas"].clone()).unwrap();
     assert_eq!(seen, all, "commands checked here, and commands with a schema");

@@ -47,7 +47,7 @@ pub struct Args {
 #[serde(untagged)]
 #[allow(dead_code)] // Only described.
 pub enum Output {
-    Diagnosed(Report),
+    Diagnosed(Box<Report>),
     Planned(Planned),
 }
 
