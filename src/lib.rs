@@ -12,6 +12,7 @@ pub mod batch;
 pub mod camera;
 pub mod cli;
 pub mod clock;
+pub mod cv;
 pub mod demo;
 pub mod diagnose;
 pub mod draw;

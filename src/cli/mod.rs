@@ -37,7 +37,7 @@ use crate::output::{Document, Format, write_whole};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
 #[derive(Debug, Parser)]
-#[command(name = "pivotsight", version, about, max_term_width = 100)]
+#[command(name = "pivotsight", version = crate::cv::version(), about, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     global: Global,
