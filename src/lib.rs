@@ -9,6 +9,7 @@
 pub mod align;
 pub mod ballbar;
 pub mod batch;
+pub mod calib;
 pub mod camera;
 pub mod cli;
 pub mod clock;

@@ -4,6 +4,7 @@ mod align;
 mod ballbar;
 mod batch;
 mod burn;
+mod calib;
 mod circles;
 mod config;
 mod demo;
@@ -91,6 +92,7 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Burn(burn::Args),
+    Calib(calib::Args),
     Circles(circles::Args),
     Align(align::Args),
     Ballbar(ballbar::Args),
@@ -196,6 +198,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Burn(args) => burn::run(args, global),
+        Command::Calib(args) => calib::run(args, global),
         Command::Circles(args) => circles::run(args, global),
         Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
