@@ -151,7 +151,8 @@ fn consistent(
         .map(|(i, j)| ((positions[i] - positions[j]).norm(), i, j))
         .collect();
     pairs.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut best: Option<((usize, f64), Vec<Option<Blob>>)> = None;
+    // Three sightings at least: two always agree.
+    let (mut best_rank, mut best) = ((2, f64::INFINITY), None);
     for &(_, i, j) in pairs.iter().take(6) {
         // The mark moves against the machine.
         let moved = positions[i] - positions[j];
@@ -179,14 +180,14 @@ fn consistent(
                     // Of equally many sightings the stronger mark, a little the straighter one.
                     let strength: f64 = chosen.iter().flatten().map(|b| b.strength.abs()).sum();
                     let rank = (count, strength / (1.0 + distance / (count as f64 * 0.3 * stray)));
-                    if best.as_ref().is_none_or(|(old, _)| rank > *old) {
-                        best = Some((rank, chosen));
+                    if rank > best_rank {
+                        (best_rank, best) = (rank, Some(chosen));
                     }
                 }
             }
         }
     }
-    best.filter(|((count, _), _)| *count >= 3).map(|(_, chosen)| chosen)
+    best
 }
 
 /// Whether two blobs may be one mark in two pictures.

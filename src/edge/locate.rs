@@ -107,15 +107,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                     Some(m) if m.shift_variance.is_finite() => m.shift,
                     _ => search(&sectors[s], &template, profiles),
                 };
-                fit_sector(
-                    &sectors[s],
-                    &template,
-                    edge_px,
-                    priors[s],
-                    &noise,
-                    start,
-                    profiles,
-                )
+                fit_sector(&sectors[s], &template, edge_px, priors[s], &noise, start, profiles)
             })
             .collect();
         let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();

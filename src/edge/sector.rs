@@ -168,4 +168,3 @@ pub(super) fn fit_sector(
         misfit: misfit / (bins.len() as f64 - 4.0).max(1.0),
     }
 }
-

@@ -63,9 +63,8 @@ impl Template {
         }
         // Third differences of a smooth curve are small: what is left of them is noise (variance 20 of one).
         let v = &self.values;
-        let mut thirds: Vec<f64> = (0..n - 3)
-            .map(|i| (v[i + 3] - 3.0 * v[i + 2] + 3.0 * v[i + 1] - v[i]).abs())
-            .collect();
+        let mut thirds: Vec<f64> =
+            (0..n - 3).map(|i| (v[i + 3] - 3.0 * v[i + 2] + 3.0 * v[i + 1] - v[i]).abs()).collect();
         let middle = thirds.len() / 2;
         let noise2 =
             (1.4826 * *thirds.select_nth_unstable_by(middle, f64::total_cmp).1).powi(2) / 20.0;
