@@ -4,6 +4,7 @@ mod align;
 mod ballbar;
 mod batch;
 mod burn;
+mod calib;
 mod circles;
 mod config;
 mod demo;
@@ -37,7 +38,7 @@ use crate::output::{Document, Format, write_whole};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
 #[derive(Debug, Parser)]
-#[command(name = "pivotsight", version, about, max_term_width = 100)]
+#[command(name = "pivotsight", version = crate::cv::version(), about, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     global: Global,
@@ -91,6 +92,7 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Burn(burn::Args),
+    Calib(calib::Args),
     Circles(circles::Args),
     Align(align::Args),
     Ballbar(ballbar::Args),
@@ -196,6 +198,7 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Burn(args) => burn::run(args, global),
+        Command::Calib(args) => calib::run(args, global),
         Command::Circles(args) => circles::run(args, global),
         Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),

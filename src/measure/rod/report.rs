@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::camera::Laser;
 use crate::frame::Channel;
 
 /// What is known beforehand.
@@ -80,4 +81,20 @@ pub struct Report {
     pub captures: Vec<CaptureReport>,
     /// What a user should know.
     pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// Machine coordinates say where the laser axis is: what the camera axis finds at a machine position lies short of
+    /// it by the laser's offset from the camera axis (`docs/conventions.md`).
+    pub(super) fn refer_to_laser(&mut self, laser: &Laser) {
+        let u95 = laser.offset_u95_mm.unwrap_or_default();
+        let centers = self.rod_centers.iter_mut().map(|c| (&mut c.center_mm, &mut c.center_u95_mm));
+        let axis = (&mut self.axis_center_mm, &mut self.axis_center_u95_mm);
+        for (center, center_u95) in centers.chain([axis]) {
+            for k in 0..2 {
+                center[k] -= laser.offset_mm[k];
+                center_u95[k] = center_u95[k].hypot(u95[k]);
+            }
+        }
+    }
 }
