@@ -8,7 +8,7 @@ use super::{Global, Outcome, result};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
-use crate::frame::{Channel, Picture};
+use crate::frame::Channel;
 use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
@@ -72,14 +72,14 @@ fn overlays(
 ) -> Result<()> {
     create_folder(folder)?;
     let mut taken = HashSet::new();
-    for (index, capture) in captures.iter().enumerate() {
+    let drawn = draw::rod_captures(captures, calibration, measured, channel)?;
+    for (index, (capture, png)) in captures.iter().zip(drawn).enumerate() {
         let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
         let mut name = format!("{stem}.overlay.png");
         if !taken.insert(name.clone()) {
             name = format!("{stem}-{}.overlay.png", index + 1);
         }
-        let frame = Picture::read(&capture.path)?.into_frame(channel);
-        write_whole(folder.join(name), &draw::rod(&frame, calibration, measured, index)?)?;
+        write_whole(folder.join(name), &png)?;
     }
     Ok(())
 }

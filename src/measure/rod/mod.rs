@@ -73,7 +73,15 @@ pub fn measure(
     Ok(measured)
 }
 
-fn check(options: &Options) -> Result<()> {
+/// Refuses options that no rod can have.
+pub fn check(options: &Options) -> Result<()> {
+    if !(options.diameter_u_mm.is_finite() && options.diameter_u_mm > 0.0) {
+        return Err(Error::option(
+            "diameter_u_mm",
+            format!("{} is no standard uncertainty", options.diameter_u_mm),
+            "give mm, above 0",
+        ));
+    }
     if let Some(d) = options.diameter_mm
         && !(d.is_finite() && d > 0.0)
     {

@@ -1,12 +1,13 @@
 //! What is asked of a rod's captures, and what is answered.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Laser;
 use crate::frame::Channel;
 
 /// What is known beforehand.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The rod's nominal diameter: a prior, not a truth.
     pub diameter_mm: Option<f64>,
