@@ -204,6 +204,8 @@ impl Prepared<'_> {
     /// The report's keys with the verdicts of the job's limits.
     fn judged(&self, item: &Item, report: Value) -> Result<Map<String, Value>> {
         let Value::Object(mut result) = report else { return Ok(Map::new()) };
+        // A list whose order changes from row to row is no column.
+        result.shift_remove("budget");
         if !self.job.limits.is_empty() {
             let judged = limits::judge(&self.job.limits, &result).map_err(|key| {
                 Error::measure(

@@ -14,7 +14,8 @@ header p { color: #555; margin: 1mm 0 4mm }
 .pass { border-color: #009e73 } .fail { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured { border-color: #0072b2 }
 table { border-collapse: collapse; width: 100%; font-size: 9.5pt; font-variant-numeric: tabular-nums }
 th, td { text-align: right; padding: 1mm 2mm; border-bottom: 0.2mm solid #ccc; overflow-wrap: anywhere }
-th:first-child, td:first-child { text-align: left }
+th:first-child, td:first-child, .facts td { text-align: left } .facts td:first-child { width: 40mm }
+table + table { margin-top: 4mm }
 thead { display: table-header-group } tr, figure { break-inside: avoid }
 td.fail { color: #b34700; font-weight: bold; border-color: #ccc } td.pass { color: #00704f; border-color: #ccc } td.undecided { color: #8a5f00; border-color: #ccc }
 figure { margin: 4mm 0; text-align: center } figure img, figure svg { max-width: 100%; height: auto; max-height: 120mm }
@@ -33,7 +34,16 @@ pub fn document(title: &str, body: &str) -> String {
 
 /// A table; cells that are verdicts get their colour.
 pub fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
-    let mut text = String::from("<table>\n");
+    table_of("<table>\n", head, rows)
+}
+
+/// A table of names and words.
+pub fn facts(rows: impl Iterator<Item = Vec<String>>) -> String {
+    table_of("<table class=\"facts\">\n", &[], rows)
+}
+
+fn table_of(open: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let mut text = String::from(open);
     if head.iter().any(|h| !h.is_empty()) {
         text += "<thead><tr>";
         head.iter().for_each(|h| text += &format!("<th>{}</th>", escape(h)));

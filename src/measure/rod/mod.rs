@@ -1,5 +1,6 @@
 //! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
 
+mod budget;
 mod captures;
 mod joint;
 mod outer;
@@ -259,6 +260,7 @@ fn finish(
     let mut covariance = fit.covariance.clone();
     let last = 2 * angles;
     let blur_mm = blurred_radius(arcs, frames);
+    let mut nominal = None;
     if let Some(d) = options.diameter_mm {
         // The nominal radius as one more observation.
         let gap = 0.5 * d - (robust.radius + beta[last] + blur_mm);
@@ -270,6 +272,7 @@ fn finish(
                 2.0 * (robust.radius + beta[last] + blur_mm)
             ));
         } else {
+            nominal = Some((covariance[(last, last)] / total, variance.sqrt()));
             let gain = covariance.column(last) / total;
             beta += &gain * gap;
             covariance -= &gain * gain.transpose() * total;
@@ -320,6 +323,16 @@ fn finish(
             "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
         ));
     }
+    let sources = budget::Sources {
+        fit: &fit,
+        groups: &groups,
+        images: arcs.iter().map(|a| captures[a.capture].image.as_str()).collect(),
+        gain: axis
+            .as_ref()
+            .map_or_else(|| DMatrix::identity(2, 2 * angles), |(axis, _)| axis.gain.clone()),
+        nominal,
+    };
+    let budget = sources.budget(axis_u95, 2.0 * u(last));
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
     Ok(Measured {
@@ -342,6 +355,7 @@ fn finish(
             diameter_u95_mm: 2.0 * u(last),
             form_rms_mm: form.sqrt(),
             captures: captures_report,
+            budget,
             warnings,
         },
         points,
