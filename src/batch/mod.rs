@@ -109,6 +109,10 @@ fn run_with(
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Summary> {
     let out = &options.out;
+    if options.watch.is_none() {
+        // What holds nothing to measure is refused before anything is made.
+        input::list(&options.input, kind)?;
+    }
     create_folder(out)?;
     claim(options, identity)?;
     let overlays = out.join(run::OVERLAYS);

@@ -142,7 +142,7 @@ pub fn measure(
 ) -> Result<Measured> {
     check(options)?;
     let (width, height) = picture.size();
-    let view = calibration.view(width, height)?;
+    let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel: Channel| {
         let (ring, spot, warnings) =
             marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;

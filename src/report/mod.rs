@@ -58,7 +58,7 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
     );
     for part in parts {
         body += &section(command, part);
-        body += &own_pictures(part, &options.base)?;
+        body += &html::pictures(&own_pictures(part, &options.base)?);
     }
     body += &batch_rows(&options.rows, &options.base)?;
     for path in &options.pictures {
@@ -80,7 +80,7 @@ fn section(command: &str, result: &Value) -> String {
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
         "<p class=\"verdict {verdict}\"><b>{}</b> {}</p>\n",
-        verdict.to_uppercase(),
+        result.get("verdict").and_then(Value::as_str).unwrap_or(verdict).to_uppercase(),
         escape(&sentence)
     );
     if let Some(image) = result.get("image").and_then(Value::as_str) {
@@ -131,6 +131,13 @@ fn heading(command: &str) -> &str {
         "verify" => "RTCP verification",
         "diagnose" => "Diagnosis",
         "batch" => "Batch",
+        "align" => "Lie of the blank",
+        "rotary" => "Pitch-error correction of a rotary axis",
+        "ballbar-decouple" => "Ball bar: errors taken apart",
+        "thermal-fit" => "Thermal error model",
+        "thermal-compensate" => "Thermal compensation",
+        "machine" => "Machine",
+        "demo" => "The method on a virtual machine",
         other => other,
     }
 }
@@ -169,10 +176,11 @@ fn batch_rows(rows: &[Value], base: &Path) -> Result<String> {
     });
     let mut text = String::from("<h2>Pictures to look at</h2>\n");
     text += &table(&["Picture", "Verdict", "Reason"], cells);
+    let mut figures = String::new();
     for row in rows.iter().filter(|row| row.get("overlays").is_some()).take(MAX_OVERLAYS) {
-        text += &own_pictures(row, base)?;
+        figures += &own_pictures(row, base)?;
     }
-    Ok(text)
+    Ok(text + &html::pictures(&figures))
 }
 
 /// Which calibration the result rests on, and how old it is.

@@ -82,6 +82,9 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             })
         })
         .collect();
+    if command == "diagnose" {
+        rows.extend(gap(map));
+    }
     let judged = map.get("limits").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     rows.extend(judged.iter().filter_map(|limit| {
         let bound = |name: &str| limit.get(name).and_then(Value::as_f64);
@@ -134,6 +137,30 @@ fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
         .into_iter()
         .filter_map(|(key, name)| one(key, name))
         .collect()
+}
+
+/// The gap between simulation and measurement, before and after the named effects.
+fn gap(map: &Map<String, Value>) -> Vec<Characteristic> {
+    [
+        ("gap.before_rms_mm", "gap before, rms"),
+        ("gap.after_rms_mm", "gap with the named effects, rms"),
+        ("gap.heldout_before_rms_mm", "gap before, on captures held out, rms"),
+        ("gap.heldout_after_rms_mm", "gap with the named effects, on captures held out, rms"),
+        ("noise_mm", "noise of one value"),
+    ]
+    .into_iter()
+    .filter_map(|(key, name)| {
+        Some(Characteristic {
+            name: name.into(),
+            unit: "mm",
+            nominal: None,
+            actual: number(map, key)?,
+            tolerance: String::new(),
+            u95: None,
+            verdict: None,
+        })
+    })
+    .collect()
 }
 
 /// Which of a burn's two readings of concentricity the tolerance is held against.
@@ -290,7 +317,7 @@ fn short(unit: &str, value: Option<&Value>) -> String {
                     .trim_end_matches('.')
                     .to_owned(),
                 _ if x != 0.0 && (x.abs() < 1e-3 || x.abs() >= 1e6) => format!("{x:.2e}"),
-                _ => format!("{x:.4}").trim_end_matches('0').trim_end_matches('.').to_owned(),
+                _ => format!("{x:.4}"),
             }
         }
         Some(Value::Array(list)) => {

@@ -63,7 +63,7 @@ pub fn measure(
         .map(|c| {
             let picture = Picture::read(&c.path)?;
             let (w, h) = picture.size();
-            let view = calibration.view(w, h)?;
+            let view = calibration.view_of(&c.image, w, h)?;
             Ok((picture.into_frame(options.channel), view))
         })
         .collect::<Result<Vec<_>>>()?;
@@ -313,11 +313,13 @@ fn finish(
         residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
     arc_warnings(arcs, robust, options, &mut warnings);
     let form = fit.residuals.norm_squared() / groups.len() as f64;
-    if form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points) {
+    if form.sqrt() > 5.0 * DISAGREEMENT_MM
+        || form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points)
+    {
         return Err(Error::measure(
             "captures",
             format!(
-                "their edges do not lie on one circle: smooth arcs miss it by {:.3} mm",
+                "their edges do not lie on one circle: they miss it by {:.3} mm",
                 form.sqrt()
             ),
             "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
