@@ -258,3 +258,22 @@ pub fn envelope(
     map.insert("warnings".into(), warnings.into());
     map
 }
+
+/// A whole JSON result: the envelope, then the keys of `body`.
+pub fn result(
+    command: &str,
+    input: impl serde::Serialize,
+    warnings: &[String],
+    body: &impl serde::Serialize,
+) -> serde_json::Value {
+    let mut map = envelope(command, input, warnings);
+    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(body) {
+        map.extend(keys);
+    }
+    map.into()
+}
+
+/// A list as the rows of a document.
+pub fn rows(list: &[impl serde::Serialize]) -> Vec<serde_json::Value> {
+    list.iter().map(|row| serde_json::to_value(row).unwrap_or_default()).collect()
+}

@@ -112,6 +112,7 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
     let mut profiles = read(frame, &contour, band, softness);
+    profiles.mask_glare();
     // Faint edges need wider sectors: a point must be surer than the edge is soft.
     let mut best = None;
     let located = loop {
@@ -177,6 +178,7 @@ pub fn measure(
             + (fitted.circle.radius - guess.radius).abs())
             / pixel;
         guess = fitted.circle;
+        if std::env::var("DBG").is_ok() { eprintln!("  round c {:.1} {:.1} r {:.1} scale {:.2} usable {} soft {:.1} search {:?}", view.to_pixel(guess.center).x, view.to_pixel(guess.center).y, guess.radius/pixel, fitted.scale/pixel, points.usable.iter().filter(|u| **u).count(), points.located.step.softness_px, search); }
         let softness = points.located.step.softness_px;
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)

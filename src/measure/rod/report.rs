@@ -25,7 +25,7 @@ impl Default for Options {
 }
 
 /// The rod's centre at one table angle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct RodCenter {
     /// Table angle.
     pub c_deg: f64,
@@ -36,7 +36,7 @@ pub struct RodCenter {
 }
 
 /// How one capture fits the common circle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CaptureReport {
     /// The picture.
     pub image: String,
@@ -57,7 +57,7 @@ pub struct CaptureReport {
 }
 
 /// The rod's result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// One centre a table angle.
     pub rod_centers: Vec<RodCenter>,
