@@ -13,7 +13,7 @@ use crate::measure::ring::{self, Ring, Search};
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
 /// A circle's own form (rms) may be this part of its radius: a burn may be ragged, a glare's border is no circle.
-const MOST_FORM: f64 = 0.12;
+const MOST_FORM: f64 = 0.1;
 
 /// Ring, spot and what a user should know.
 pub(super) type Marks = (Ring, Ring, Vec<String>);
