@@ -3,5 +3,7 @@
 
 pub mod check;
 pub mod laser;
+pub mod lens;
 pub mod mark;
 pub mod plane;
+pub mod target;

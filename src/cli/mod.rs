@@ -191,7 +191,11 @@ pub fn run() -> ExitCode {
 
 /// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
 fn takes_out(command: &Command) -> bool {
-    matches!(command, Command::Batch(_) | Command::Report(_) | Command::Man(_))
+    match command {
+        Command::Batch(_) | Command::Report(_) | Command::Man(_) => true,
+        Command::Calib(args) => args.takes_out(),
+        _ => false,
+    }
 }
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {

@@ -1,8 +1,10 @@
 //! `pivotsight calib`: from a bare camera to a calibration file, and whether it still holds.
 
+mod camera;
 mod check;
 mod laser;
 mod plane;
+mod target;
 
 use std::path::Path;
 
@@ -20,17 +22,28 @@ pub struct Args {
 
 #[derive(Debug, clap::Subcommand)]
 enum What {
+    Camera(camera::Args),
     Check(check::Args),
     Laser(laser::Args),
     Plane(plane::Args),
+    Target(target::Args),
+}
+
+impl Args {
+    /// Whether `--out` names what the command itself writes.
+    pub fn takes_out(&self) -> bool {
+        matches!(self.what, What::Target(_))
+    }
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.what {
+        What::Camera(args) => camera::run(args, global),
         What::Check(args) => check::run(args, global),
         What::Laser(args) => laser::run(args, global),
         What::Plane(args) => plane::run(args, global),
+        What::Target(args) => target::run(args, global),
     }
 }
 
