@@ -198,7 +198,7 @@ fn pictures_that_lie_about_themselves_are_refused() {
     image::GrayImage::from_pixel(800, 600, image::Luma([90])).save(dir.join("flat.png")).unwrap();
     refused(dir, "burn flat.png --calib calib.toml", &["flat.png", "ring"]);
     refused(dir, "circles flat.png --calib calib.toml --expect-mm 5", &["flat.png", "5"]);
-    refused(dir, "rod captures.csv --calib calib.toml", &["captures"]);
+    refused(dir, "rod captures.csv --calib calib.toml", &["captures.csv:3", "another position"]);
     judge();
 }
 
@@ -225,12 +225,7 @@ fn wrong_cells_are_named_with_line_and_column() {
     says("t.csv", "angle_deg,deviation_mm,deviation_mm\n0,1,1\n", rotary, &["twice"]);
     says("t.csv", "angle_deg,deviation_mm\n", rotary, &["no rows"]);
     // Micrometres under the name of millimetres, degrees where millimetres are due.
-    says(
-        "t.csv",
-        "angle_deg,deviation_mm\n0,80\n5,9000\n10,7000\n",
-        rotary,
-        &["check the units"],
-    );
+    says("t.csv", "angle_deg,deviation_mm\n0,80\n5,9000\n10,7000\n", rotary, &["check the units"]);
     let rod = "rod t.csv --calib calib.toml";
     says("t.csv", "image,x_mm\nburn.png,1\n", rod, &["y_mm", "missing"]);
     says("t.csv", "image,x_mm,y_mm\nnone.png,1,2\nnone.png,2,2\n", rod, &["none.png"]);

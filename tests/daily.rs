@@ -83,8 +83,13 @@ fn a_report_is_one_page_that_needs_nothing_else() {
     ok(dir, &["solve", "session.toml", "--format", "json", "--out", "solve.json"]);
     ok(dir, &["report", "solve.json", "--title", "Cell <3>"]);
     let page = std::fs::read_to_string(dir.join("solve.html")).unwrap();
-    for word in ["Cell &lt;3&gt;", "class=\"verdict", "ΔX, B axis to optical axis, mm", "What to do next", "U (95 %)"]
-    {
+    for word in [
+        "Cell &lt;3&gt;",
+        "class=\"verdict",
+        "ΔX, B axis to optical axis, mm",
+        "What to do next",
+        "U (95 %)",
+    ] {
         assert!(page.contains(word), "{word} is missing");
     }
     for outside in ["src=\"http", "href=\"http", "@import", "<script"] {

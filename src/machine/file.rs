@@ -321,7 +321,11 @@ impl Machine {
         finite("head", &[delta_x_mm, r_mm, standoff_mm])?;
         if r_mm < 0.0 {
             let reason = format!("is {r_mm}: the nozzle would be above the B axis");
-            return Err(("head.r_mm".into(), reason, "give the distance from the B axis down to the nozzle"));
+            return Err((
+                "head.r_mm".into(),
+                reason,
+                "give the distance from the B axis down to the nozzle",
+            ));
         }
         finite("table", self.table_point().as_slice())?;
         if let Some(target) = &self.target {

@@ -220,7 +220,12 @@ fn measure_spot(
         softness_px: spot.softness_px.max(1.5),
     };
     let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
-    if std::env::var("DBG").is_ok() {eprintln!("  spot cover {:.2} form {:.4} R {:.3}", spot.arc_coverage, spot.form_rms_mm, spot.circle.radius);}
+    if std::env::var("DBG").is_ok() {
+        eprintln!(
+            "  spot cover {:.2} form {:.4} R {:.3}",
+            spot.arc_coverage, spot.form_rms_mm, spot.circle.radius
+        );
+    }
     let plausible = is_circle(&spot, 0.5)
         && spot.circle.radius < 0.6 * ring.circle.radius
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius

@@ -318,10 +318,7 @@ fn finish(
     {
         return Err(Error::measure(
             "captures",
-            format!(
-                "their edges do not lie on one circle: they miss it by {:.3} mm",
-                form.sqrt()
-            ),
+            format!("their edges do not lie on one circle: they miss it by {:.3} mm", form.sqrt()),
             "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
         ));
     }
