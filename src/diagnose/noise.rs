@@ -5,7 +5,7 @@
 //! a change of D touches only a few rows per capture. The updates are the fixed-point form of the REML
 //! equations (Harville, "Maximum likelihood approaches to variance component estimation", 1977).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::tails::ln_f_tail;
@@ -71,6 +71,14 @@ impl Space {
 
     fn random_count(&self) -> usize {
         self.components.len()
+    }
+
+    fn component_count(&self) -> usize {
+        self.components.iter().max().map_or(0, |c| c + 1)
+    }
+
+    fn class_count(&self) -> usize {
+        self.classes.iter().max().map_or(1, |c| c + 1)
     }
 
     /// Rows in front of the complement: one per capture and random column.
@@ -185,14 +193,12 @@ impl Space {
         y: &DMatrix<f64>,
         given_mm: Option<f64>,
     ) -> Noise {
-        let class_count = self.classes.iter().copied().max().unwrap_or(0) + 1;
-        let component_count = self.components.iter().copied().max().map_or(0, |c| c + 1);
         let n = self.observations();
         let start = given_mm.unwrap_or_else(|| (y.norm_squared() / n.max(1) as f64).sqrt());
         let start = if start > 0.0 { start } else { 1e-12 };
         let mut noise = Noise {
-            sigma_mm: vec![start; class_count],
-            ratios: vec![0.1; component_count],
+            sigma_mm: vec![start; self.class_count()],
+            ratios: vec![0.1; self.component_count()],
             dof: f64::INFINITY,
         };
         for _ in 0..60 {
@@ -288,23 +294,25 @@ impl Space {
         change
     }
 
-    /// How much of a whitened column lies in each random component, and in the complement (last).
-    pub fn shares(&self, top: nalgebra::DVectorView<f64>, rest_squared: f64) -> Vec<f64> {
-        let d = self.random_count();
-        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
-        let mut shares = vec![0.0; components + 1];
+    /// How much of a whitened column lies in each random component, then in the complement of each class.
+    pub fn shares(&self, top: DVectorView<f64>, rest: Option<DVectorView<f64>>) -> Vec<f64> {
+        let (d, components) = (self.random_count(), self.component_count());
+        let mut shares = vec![0.0; components + self.class_count()];
         for (i, v) in top.iter().enumerate() {
             shares[self.components[i % d]] += v * v;
         }
-        shares[components] = rest_squared;
+        for (v, class) in rest.iter().flat_map(|r| r.iter()).zip(&self.classes) {
+            shares[components + class] += v * v;
+        }
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
         shares.iter().map(|s| s / total).collect()
     }
 
-    /// Dimension of each random component over all captures, and of the complement (last).
-    pub fn dimensions(&self) -> Vec<f64> {
-        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
-        let mut dimensions = vec![0.0; components + 1];
+    /// Dimension of each random component over all captures, then of the complement of each class; classes of one and the
+    /// same noise count together.
+    pub fn dimensions(&self, noise: &Noise) -> Vec<f64> {
+        let components = self.component_count();
+        let mut dimensions = vec![0.0; components];
         let mut used = 0.0;
         for group in self.groups.iter().filter(|g| !g.rows.is_empty()) {
             for &component in self.components.iter().take(group.q.ncols()) {
@@ -312,7 +320,15 @@ impl Space {
                 used += 1.0;
             }
         }
-        dimensions[components] = self.observations() as f64 - used;
+        let all = self.observations() as f64;
+        let of_class = |class: usize| {
+            let same = noise.sigma_mm.iter().map(|s| *s == noise.sigma_mm[class]);
+            let same: Vec<bool> = same.collect();
+            let kept = self.classes.iter().zip(&self.keep);
+            let count = kept.filter(|(c, keep)| **keep && same[**c]).count() as f64;
+            count * (1.0 - used / all.max(1.0))
+        };
+        dimensions.extend((0..self.class_count()).map(of_class));
         dimensions
     }
 
