@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::classes::rivals;
+use crate::diagnose::classes::{by_name, rivals};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
@@ -324,7 +324,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
             let c = contribution(fitter, &f.model, Part::Effect(i));
             let along: f64 = c.iter().zip(gap).map(|(a, b)| a * b).sum();
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
-            let total: f64 = 1.0 + classes[i].iter().map(|r| (-r.deficit).exp()).sum::<f64>();
+            let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
             let form_corrected_over = f
                 .model
                 .extras
@@ -339,8 +339,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
             NamedEffect {
                 name: info.name.to_string(),
                 meaning: info.meaning.to_string(),
-                confusable_with: classes[i]
-                    .iter()
+                confusable_with: by_name(&classes[i])
                     .map(|r| effects[r.effect].name.to_string())
                     .collect(),
                 parameters,

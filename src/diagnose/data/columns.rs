@@ -327,7 +327,12 @@ impl Experiment for ColumnsExperiment {
             if column.is_empty() {
                 return Vec::new();
             }
-            let (low, high) = range(column);
+            let (mut low, mut high) = range(column);
+            if name == "b_deg" {
+                // What B can do on one side it can do on the other.
+                high = high.max(-low);
+                low = -high;
+            }
             let count = if high > low { PLANNED_STEPS } else { 1 };
             let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
             (0..count).map(|k| (name, at(k))).collect()

@@ -13,6 +13,7 @@ use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
+use crate::diagnose::generic::range;
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::table::Table;
@@ -270,20 +271,28 @@ impl Experiment for RtcpExperiment {
 
     fn proposals(&self) -> Vec<PlannedCapture> {
         let mut list = Vec::new();
-        for b in 0..13 {
-            for c in 0..13 {
-                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-                let mut capture = BTreeMap::new();
-                // C angles that no small harmonic repeats on.
-                capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
-                capture.insert("c_deg", f64::from(c * 83 % 360));
-                if !self.data.dir_b.is_empty() {
-                    capture.insert("dir_b", side(b + c));
+        // As warm as the machine is now, and as cold and as hot as it has been.
+        let (cold, hot) = range(&self.data.temp_c);
+        let states = if self.data.temp_c.is_empty() { vec![0.0] } else { vec![cold, hot] };
+        for (k, temp) in states.into_iter().enumerate() {
+            for b in 0..13 {
+                for c in 0..7 {
+                    let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+                    let mut capture = BTreeMap::new();
+                    capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
+                    // C angles that no small harmonic repeats on.
+                    capture.insert("c_deg", f64::from((c + 7 * k as i32) * 83 % 360));
+                    for (name, column, way) in [
+                        ("dir_b", &self.data.dir_b, side(b + c)),
+                        ("dir_c", &self.data.dir_c, side(b + c / 2)),
+                        ("temp_c", &self.data.temp_c, temp),
+                    ] {
+                        if !column.is_empty() {
+                            capture.insert(name, way);
+                        }
+                    }
+                    list.push(PlannedCapture(capture));
                 }
-                if !self.data.dir_c.is_empty() {
-                    capture.insert("dir_c", side(b + c / 2));
-                }
-                list.push(PlannedCapture(capture));
             }
         }
         list
