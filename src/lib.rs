@@ -9,9 +9,11 @@
 pub mod align;
 pub mod ballbar;
 pub mod batch;
+pub mod calib;
 pub mod camera;
 pub mod cli;
 pub mod clock;
+pub mod cv;
 pub mod demo;
 pub mod diagnose;
 pub mod draw;

@@ -3,7 +3,7 @@
 //! A case folder holds `case.toml` (`args`, as on the command line after `pivotsight`, run in the case's folder;
 //! optionally `exit_code`) and `expected.csv` (`key,value,tolerance`; words have no tolerance).
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use rayon::prelude::*;
@@ -15,6 +15,8 @@ use crate::output::{escape, flatten, write_whole};
 use crate::table::Table;
 use crate::tomlfile;
 
+/// The file of expected values in a case's folder.
+const EXPECTED: &str = "expected.csv";
 /// Names no file, which turns the user's defaults off.
 const NO_DEFAULTS: &str = "none";
 
@@ -31,6 +33,9 @@ struct CaseFile {
 pub struct Case {
     /// The folder's name.
     pub case: String,
+    /// The folder.
+    #[serde(skip)]
+    pub folder: PathBuf,
     /// Whether everything is as expected.
     pub passed: bool,
     /// Why it could not even be compared.
@@ -57,8 +62,7 @@ pub struct Check {
 }
 
 /// Runs every case under `folder` (each folder with a `case.toml`, or `folder` itself) with `program`.
-/// With `update`, expected values that no longer hold are rewritten.
-pub fn run(folder: &Path, program: &Path, update: bool) -> Result<Vec<Case>> {
+pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
     let mut folders = Vec::new();
     if folder.join("case.toml").is_file() {
         folders.push(folder.to_owned());
@@ -78,13 +82,22 @@ pub fn run(folder: &Path, program: &Path, update: bool) -> Result<Vec<Case>> {
         ));
     }
     folders.sort();
-    folders.par_iter().map(|case| one(case, program, update)).collect()
+    folders.par_iter().map(|case| one(case, program)).collect()
 }
 
-fn one(folder: &Path, program: &Path, update: bool) -> Result<Case> {
+/// Takes what came as expected, where it no longer holds. Keys the results do not have stay as they are.
+pub fn update(cases: &[Case]) -> Result<()> {
+    for case in cases {
+        if case.checks.iter().any(|c| !c.passed && !c.actual.is_empty()) {
+            rewrite(&case.folder.join(EXPECTED), &case.checks)?;
+        }
+    }
+    Ok(())
+}
+
+fn one(folder: &Path, program: &Path) -> Result<Case> {
     let case: CaseFile = tomlfile::read(folder.join("case.toml"))?;
-    let path = folder.join("expected.csv");
-    let expected = expected(&path)?;
+    let expected = expected(&folder.join(EXPECTED))?;
     let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
     // Case files must mean the same on every machine: no defaults of the user's.
     let output = Command::new(program)
@@ -95,31 +108,28 @@ fn one(folder: &Path, program: &Path, update: bool) -> Result<Case> {
         .output()
         .map_err(|e| Error::io(program, "start", e))?;
     let code = output.status.code().unwrap_or(-1);
-    let problem = |text: String| {
-        Ok(Case { case: name.clone(), passed: false, problem: Some(text), checks: Vec::new() })
+    let ended = |passed, problem, checks| {
+        Ok(Case { case: name, folder: folder.to_owned(), passed, problem, checks })
     };
     if code != case.exit_code {
         let words = String::from_utf8_lossy(&output.stderr);
-        return problem(format!(
-            "exit code {code} instead of {}: {}",
-            case.exit_code,
-            words.trim()
-        ));
+        let text = format!("exit code {code} instead of {}: {}", case.exit_code, words.trim());
+        return ended(false, Some(text), Vec::new());
     }
     let result: Value = match serde_json::from_slice(&output.stdout) {
         Ok(result) => result,
         Err(_) if expected.is_empty() => Value::Null,
-        Err(e) => return problem(format!("the result is not JSON ({e})")),
+        Err(e) => {
+            let text = format!("the result is not JSON ({e})");
+            return ended(false, Some(text), Vec::new());
+        }
     };
     let cells = flatten(&result);
     let checks: Vec<Check> = expected
         .into_iter()
         .map(|(key, value, tolerance)| check(&cells, key, value, tolerance))
         .collect();
-    if update && checks.iter().any(|c| !c.passed && !c.actual.is_empty()) {
-        rewrite(&path, &checks)?;
-    }
-    Ok(Case { case: name, passed: checks.iter().all(|c| c.passed), problem: None, checks })
+    ended(checks.iter().all(|c| c.passed), None, checks)
 }
 
 fn expected(path: &Path) -> Result<Vec<(String, String, Option<f64>)>> {

@@ -91,6 +91,40 @@ impl std::fmt::Display for Verdict {
     }
 }
 
+/// A source's part in the uncertainty of a value.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct Contribution {
+    /// The key of the value it adds to.
+    pub of: String,
+    /// Where it comes from.
+    pub source: String,
+    /// The standard uncertainty it alone would give the value.
+    pub u_mm: f64,
+    /// Share of the value's variance.
+    pub share_percent: f64,
+}
+
+/// The budget of the value `of` from its independent sources, the largest first; sources that add nothing are left out.
+pub fn budget<S: Into<String>>(
+    of: &str,
+    sources: impl IntoIterator<Item = (S, f64)>,
+) -> Vec<Contribution> {
+    let mut parts: Vec<Contribution> = sources
+        .into_iter()
+        .filter(|(_, u)| *u > 0.0)
+        .map(|(source, u_mm)| Contribution {
+            of: of.into(),
+            source: source.into(),
+            u_mm,
+            share_percent: 0.0,
+        })
+        .collect();
+    let variance: f64 = parts.iter().map(|p| p.u_mm * p.u_mm).sum();
+    parts.iter_mut().for_each(|p| p.share_percent = 100.0 * p.u_mm * p.u_mm / variance);
+    parts.sort_by(|a, b| b.u_mm.total_cmp(&a.u_mm));
+    parts
+}
+
 /// `value ± u95` for people, with two figures of the uncertainty (3 to 6 decimals).
 pub fn text(value: f64, u95: f64) -> String {
     let places = if u95 > 0.0 && u95.is_finite() {

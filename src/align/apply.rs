@@ -14,7 +14,9 @@ use crate::machine::{Chain, Joints, Machine, Motion, ToolPose};
 use crate::output::write_streamed;
 
 /// How a program is written.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, schemars::JsonSchema,
+)]
 #[serde(rename_all = "lowercase")]
 pub enum Form {
     /// Lines of x y z i j k
@@ -73,7 +75,7 @@ impl Default for Options {
 }
 
 /// What was done.
-#[derive(Debug, Clone, serde::Serialize)]
+#[derive(Debug, Clone, serde::Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Lines read.
     pub lines: u64,

@@ -28,7 +28,7 @@ pub struct Options {
 }
 
 /// How the blank lies. Angles level the blank: `Ry(B) Rx(A)`.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 #[allow(missing_docs)]
 pub struct Alignment {

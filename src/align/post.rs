@@ -12,7 +12,7 @@ const DEEPEST: u32 = 12;
 const LONG_MOVE_RAD: f64 = 0.5;
 
 /// What happened on the way; line numbers count from 1.
-#[derive(Debug, Clone, Default, serde::Serialize)]
+#[derive(Debug, Clone, Default, serde::Serialize, schemars::JsonSchema)]
 pub struct Log {
     /// Poses posted.
     pub moves: u64,
@@ -29,7 +29,7 @@ pub struct Log {
 }
 
 /// A count and the first few line numbers.
-#[derive(Debug, Clone, Default, serde::Serialize)]
+#[derive(Debug, Clone, Default, serde::Serialize, schemars::JsonSchema)]
 pub struct Lines {
     /// How many.
     pub count: u64,

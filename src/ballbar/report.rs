@@ -5,7 +5,7 @@ use serde::Serialize;
 use crate::plot::{Figure, Panel};
 
 /// An error the paths can see.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 #[allow(missing_docs)]
 pub struct Value {
     pub name: String,
@@ -16,7 +16,7 @@ pub struct Value {
 }
 
 /// A name with a number.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 #[allow(missing_docs)]
 pub struct Term {
     pub name: String,
@@ -24,7 +24,7 @@ pub struct Term {
 }
 
 /// A sum of errors that is visible though its parts are not.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Combination {
     /// Factors, mm for a mm or for a degree.
     pub terms: Vec<Term>,
@@ -37,7 +37,7 @@ pub struct Combination {
 }
 
 /// Errors taken apart.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Number of independent combinations of the six errors the paths see.
     pub rank: usize,

@@ -15,7 +15,7 @@ use crate::measure::{burn, circles};
 use crate::{hash, tomlfile};
 
 /// A job as its file states it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Job {
     /// Of the file's format: 1.
@@ -33,7 +33,7 @@ pub struct Job {
 }
 
 /// Which measurement, with its options.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase", deny_unknown_fields)]
 pub enum Method {
     /// `pivotsight burn`.

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use crate::uncertainty::Verdict;
 
 /// What a value has to keep; at least one bound.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Limit {
     /// Least allowed value.
@@ -23,7 +23,7 @@ pub struct Limit {
 pub type Limits = BTreeMap<String, Limit>;
 
 /// A value held against its limit.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Judged {
     /// The key.
     pub key: String,

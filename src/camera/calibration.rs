@@ -67,6 +67,9 @@ pub struct Lens {
 pub struct Laser {
     /// Offset on the measuring plane.
     pub offset_mm: [f64; 2],
+    /// Half-widths of its 95 % intervals, where they are known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub offset_u95_mm: Option<[f64; 2]>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -97,6 +100,40 @@ struct Scale {
     mm_per_px: f64,
     #[serde(default)]
     rotation_deg: f64,
+}
+
+impl Lens {
+    /// The lens of a calibration file, with or without a plane.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        let file: File = tomlfile::read(path)?;
+        let lens = file.camera.ok_or_else(|| {
+            Error::field(path, None, "camera", "is missing", "give a file with [camera]")
+        })?;
+        check_lens(&lens)
+            .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))?;
+        Ok(lens)
+    }
+
+    /// The lens alone as the text of a calibration file, for `calib plane` to complete.
+    pub fn to_toml(&self, name: &str) -> String {
+        let file = File {
+            schema: 1,
+            name: name.to_owned(),
+            camera: Some(self.clone()),
+            plane: None,
+            scale: None,
+            laser: None,
+        };
+        // These plain structures always serialise.
+        toml::to_string(&file).unwrap_or_default()
+    }
+
+    /// The mapping between pixels and the undistorted normalised image.
+    pub fn normalised(&self) -> View {
+        let mapping = Mapping::Pinhole { lens: self.clone(), homography_mm: Matrix3::identity() };
+        View::new(&mapping, self.width_px as usize, self.height_px as usize)
+    }
 }
 
 impl Calibration {
@@ -148,6 +185,13 @@ impl Calibration {
                 }
                 Mapping::Scale { mm_per_px, rotation_deg }
             }
+            (Some(_), None, None) => {
+                return Err((
+                    "plane",
+                    "is missing: this file knows the lens only".into(),
+                    "find the plane with `pivotsight calib plane --lens THIS_FILE`",
+                ));
+            }
             _ => {
                 return Err((
                     "calibration",
@@ -157,7 +201,11 @@ impl Calibration {
             }
         };
         if let Some(laser) = &file.laser
-            && !laser.offset_mm.iter().all(|v| v.is_finite())
+            && !laser
+                .offset_mm
+                .iter()
+                .chain(laser.offset_u95_mm.iter().flatten())
+                .all(|v| v.is_finite())
         {
             return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
         }

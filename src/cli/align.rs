@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, result};
 use crate::align::apply::{self, Form};
 use crate::align::{self, Alignment, fit};
 use crate::error::{Error, Result};
@@ -118,11 +118,8 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
         global
             .say(format!("wrote {}", alignment.figure(&touches).write(folder, "align")?.display()));
     }
-    let mut json = envelope("align", points, &warnings);
-    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&alignment) {
-        json.extend(keys);
-    }
-    Ok(Outcome::good(Document::single(json.into(), alignment.text())))
+    let json = result("align", points, &warnings, &alignment);
+    Ok(Outcome::good(Document::single(json, alignment.text())))
 }
 
 fn apply_to(args: &ApplyArgs, global: &Global) -> Result<Outcome> {
@@ -174,11 +171,8 @@ fn apply_to(args: &ApplyArgs, global: &Global) -> Result<Outcome> {
         args.tolerance_mm,
         args.output.display()
     );
-    let mut json =
-        envelope("align-apply", json!({ "align": args.align, "program": args.input }), &warnings);
-    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&report) {
-        json.extend(keys);
-    }
+    let input = json!({ "align": args.align, "program": args.input });
+    let json = result("align-apply", input, &warnings, &report);
     let status = if log.not_held.count > 0 { Status::OutOfTolerance } else { Status::Good };
-    Ok(Outcome { document: Some(Document::single(json.into(), table)), status })
+    Ok(Outcome { document: Some(Document::single(json, table)), status })
 }

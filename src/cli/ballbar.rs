@@ -4,9 +4,10 @@ use std::path::PathBuf;
 
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
-use serde_json::json;
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use super::{Global, Outcome, envelope};
+use super::{Global, Outcome, result, rows};
 use crate::ballbar::model::{Bar, Point};
 use crate::ballbar::{ERRORS, Path, Setup, decouple, path, swarm};
 use crate::error::{Error, Result};
@@ -131,6 +132,43 @@ struct DecoupleArgs {
     plot: Option<PathBuf>,
 }
 
+/// What `plan` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Planned {
+    /// From one point to the next.
+    step_mm: f64,
+    /// The points.
+    rows: Vec<Row>,
+}
+
+/// What `simulate` prints.
+#[derive(Serialize, JsonSchema)]
+pub struct Simulated {
+    /// The points of every path.
+    rows: Vec<Row>,
+}
+
+/// A point of a path.
+#[derive(Serialize, JsonSchema)]
+struct Row {
+    /// The path's name.
+    path: String,
+    b_deg: f64,
+    x_mm: f64,
+    /// Downwards.
+    z_mm: f64,
+    /// Of the bar.
+    length_mm: f64,
+}
+
+impl Row {
+    fn new(path: &Path, pose: &path::Pose, length_mm: f64) -> Self {
+        // Adding zero turns -0 into 0.
+        let (b_deg, z_mm) = (pose.b_rad.to_degrees(), -pose.up_mm + 0.0);
+        Self { path: path.name().to_string(), b_deg, x_mm: pose.x_mm, z_mm, length_mm }
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.command {
@@ -157,13 +195,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
         write_whole(file, path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero).as_bytes())?;
         global.say(format!("wrote {}", file.display()));
     }
-    let rows: Vec<serde_json::Value> = poses
-        .iter()
-        .map(|p| {
-            json!({ "path": path.name(), "b_deg": p.b_rad.to_degrees(), "x_mm": p.x_mm, "z_mm": -p.up_mm + 0.0,
-                    "length_mm": path.bar_mm(&setup) })
-        })
-        .collect();
+    let list: Vec<Row> = poses.iter().map(|p| Row::new(&path, p, path.bar_mm(&setup))).collect();
     let (first, last) = (&poses[0], &poses[poses.len() - 1]);
     let table = format!(
         "path {}: {} points {step_mm:.4} mm apart\nB {:.3}° to {:.3}°, X {:.3} to {:.3} mm, Z (down) {:.3} to {:.3} mm\n\
@@ -180,10 +212,12 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
         setup.below_mm,
         path.cup_y_mm
     );
-    let mut json = envelope("ballbar-plan", path.name(), &[]);
-    json.insert("step_mm".into(), step_mm.into());
-    json.insert("rows".into(), rows.clone().into());
-    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+    let (rows, planned) = (rows(&list), Planned { step_mm, rows: list });
+    Ok(Outcome::good(Document {
+        json: result("ballbar-plan", path.name(), &[], &planned),
+        rows,
+        table,
+    }))
 }
 
 fn simulate(args: &SimulateArgs) -> Result<Outcome> {
@@ -214,7 +248,7 @@ fn simulate(args: &SimulateArgs) -> Result<Outcome> {
         .ok_or_else(|| Error::option("--noise-mm", "is out of range", "give 0 or more"))?;
     let bar = Bar::new(&setup)?;
     let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
-    let mut rows = Vec::new();
+    let mut list = Vec::new();
     let mut largest: f64 = 0.0;
     for (index, name) in args.path.iter().enumerate() {
         let path = Path::parse(name)?;
@@ -222,20 +256,17 @@ fn simulate(args: &SimulateArgs) -> Result<Outcome> {
         let lengths = bar.known(&Point::of(&path, index, &poses), &errors)?;
         for (pose, length) in poses.iter().zip(lengths) {
             largest = largest.max((length - path.bar_mm(&setup)).abs());
-            rows.push(
-                json!({ "path": path.name(), "b_deg": pose.b_rad.to_degrees(), "x_mm": pose.x_mm,
-                "z_mm": -pose.up_mm + 0.0, "length_mm": length + noise.sample(&mut random) }),
-            );
+            list.push(Row::new(&path, pose, length + noise.sample(&mut random)));
         }
     }
     let table = format!(
         "{} points on {}; the length changes by up to {largest:.5} mm; --format csv gives them\n",
-        rows.len(),
+        list.len(),
         args.path.join(", ")
     );
-    let mut json = envelope("ballbar-simulate", &args.path, &[]);
-    json.insert("rows".into(), rows.clone().into());
-    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+    let (rows, simulated) = (rows(&list), Simulated { rows: list });
+    let json = result("ballbar-simulate", &args.path, &[], &simulated);
+    Ok(Outcome::good(Document { json, rows, table }))
 }
 
 fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
@@ -267,9 +298,6 @@ fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
     if let Some(folder) = &args.plot {
         global.say(format!("wrote {}", report.figure().write(folder, "ballbar")?.display()));
     }
-    let mut json = envelope("ballbar-decouple", &args.data, &report.warnings);
-    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&report) {
-        json.extend(keys);
-    }
-    Ok(Outcome::good(Document::single(json.into(), report.text())))
+    let json = result("ballbar-decouple", &args.data, &report.warnings, &report);
+    Ok(Outcome::good(Document::single(json, report.text())))
 }

@@ -6,9 +6,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use serde_json::Value;
-
-use super::{Global, Outcome, Status, envelope, history};
+use super::{Global, Outcome, Status, history, result};
 use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
@@ -44,6 +42,28 @@ pub struct Args {
     idle_s: Option<f64>,
 }
 
+/// What is printed.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // Only described.
+pub enum Output {
+    Done(Summary),
+    Plan(Plan),
+}
+
+/// What would be measured.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Plan {
+    /// Always true.
+    dry_run: bool,
+    /// How many pictures.
+    pictures: usize,
+    /// The job as read.
+    job: Job,
+    /// The pictures.
+    images: Vec<String>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let job = Job::read(&args.job)?;
@@ -76,11 +96,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let bar = Bar::new(global);
     let summary = batch::run(&job, &options, &|p| bar.show(p))?;
     bar.end();
-    let mut json = envelope("batch", &args.input, &[]);
-    if let Ok(Value::Object(keys)) = serde_json::to_value(&summary) {
-        json.extend(keys);
-    }
-    let json = Value::Object(json);
+    let json = result("batch", &args.input, &[], &summary);
     write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
     if let Some(path) = &global.records {
         let rows = batch::rows(&options.out)?;
@@ -97,11 +113,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
     job.prepare()?;
     let items = input::list(&args.input, job.kind())?;
-    let mut json = envelope("batch", &args.input, &[]);
-    json.insert("dry_run".into(), true.into());
-    json.insert("pictures".into(), items.len().into());
-    json.insert("job".into(), serde_json::to_value(job).unwrap_or_default());
-    json.insert("images".into(), items.iter().map(|i| i.name.as_str()).collect());
+    let plan = Plan {
+        dry_run: true,
+        pictures: items.len(),
+        job: job.clone(),
+        images: items.iter().map(|i| i.name.clone()).collect(),
+    };
+    let json = result("batch", &args.input, &[], &plan);
     let mut text = format!("would measure {} pictures\n", items.len());
     for item in items.iter().take(10) {
         let _ = writeln!(text, "  {}", item.name);
@@ -109,7 +127,7 @@ fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
     if items.len() > 10 {
         let _ = writeln!(text, "  … and {} more", items.len() - 10);
     }
-    Ok(Outcome::good(Document::single(json.into(), text)))
+    Ok(Outcome::good(Document::single(json, text)))
 }
 
 fn text(s: &Summary) -> String {

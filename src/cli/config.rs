@@ -23,12 +23,19 @@ use crate::tomlfile;
 #[derive(Debug, clap::Args)]
 pub struct Args {}
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output<'t> {
+    /// The file's tables and keys.
+    #[schemars(with = "serde_json::Map<String, serde_json::Value>")]
+    defaults: &'t toml::Table,
+}
+
 /// Runs the command.
 pub fn run(_: &Args, _: &Global) -> Result<Outcome> {
     let path = file();
     let table = read(path.as_ref())?;
-    let mut json = super::envelope("config", &path, &[]);
-    json.insert("defaults".into(), serde_json::to_value(&table).unwrap_or_default());
+    let json = super::result("config", &path, &[], &Output { defaults: &table });
     let name =
         path.as_ref().map_or("none: no home folder is known".into(), |p| p.display().to_string());
     let text = if table.is_empty() {
@@ -36,7 +43,7 @@ pub fn run(_: &Args, _: &Global) -> Result<Outcome> {
     } else {
         format!("file: {name}\n\n{}", toml::to_string(&table).unwrap_or_default())
     };
-    Ok(Outcome::good(Document::single(json.into(), text)))
+    Ok(Outcome::good(Document::single(json, text)))
 }
 
 /// The command line with the defaults put in front of the user's own options.

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, result};
 use crate::demo::{self, Report};
 use crate::error::Result;
 use crate::output::Document;
@@ -24,12 +24,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     global.say("a virtual machine is burnt, photographed, measured and corrected ...");
     let report = demo::run(&demo::Options { seed: args.seed, folder: args.out_dir.clone() })?;
     let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
-    let mut json = envelope("demo", input, &[]);
-    if let Ok(serde_json::Value::Object(body)) = serde_json::to_value(&report) {
-        json.extend(body);
-    }
+    let json = result("demo", input, &[], &report);
     let status = if report.closed { Status::Good } else { Status::OutOfTolerance };
-    Ok(Outcome { document: Some(Document::single(json.into(), story(&report, args))), status })
+    Ok(Outcome { document: Some(Document::single(json, story(&report, args))), status })
 }
 
 /// The report for people.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 
-use crate::cli::{Global, Outcome, envelope};
+use crate::cli::{Global, Outcome, result};
 use crate::diagnose::load::{Kind, Source};
 use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
@@ -45,6 +45,26 @@ pub struct Args {
     plan_only: bool,
 }
 
+/// What is printed.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // Only described.
+pub enum Output {
+    Diagnosed(Box<Report>),
+    Planned(Planned),
+}
+
+/// What a plan can show.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Planned {
+    /// The kind of data.
+    kind: String,
+    /// Standard deviation of one value.
+    noise_mm: f64,
+    /// Every effect of the library.
+    detectable: Vec<Detectable>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let source = Source {
@@ -67,11 +87,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         })?;
         let list = plan::detectable(experiment.as_ref(), noise_mm)?;
         warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
-        let mut json = envelope("diagnose", input, &warnings);
-        json.insert("kind".into(), experiment.kind().into());
-        json.insert("noise_mm".into(), noise_mm.into());
-        json.insert("detectable".into(), serde_json::to_value(&list).unwrap_or_default());
-        return Ok(Outcome::good(Document::single(json.into(), plan_table(&list))));
+        let table = plan_table(&list);
+        let planned = Planned { kind: experiment.kind().into(), noise_mm, detectable: list };
+        let json = result("diagnose", input, &warnings, &planned);
+        return Ok(Outcome::good(Document::single(json, table)));
     }
     let diagnosis = diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm })?;
     let report = diagnosis.report;
@@ -86,11 +105,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let Some(folder) = &args.report {
         page::write(folder, experiment.as_ref(), &report)?;
     }
-    let mut json = envelope("diagnose", input, &warnings);
-    if let Ok(serde_json::Value::Object(map)) = serde_json::to_value(&report) {
-        json.extend(map);
-    }
-    Ok(Outcome::good(Document::single(json.into(), table(&report))))
+    let json = result("diagnose", input, &warnings, &report);
+    Ok(Outcome::good(Document::single(json, table(&report))))
 }
 
 fn table(r: &Report) -> String {

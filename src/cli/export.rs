@@ -3,13 +3,14 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use crate::cli::{Global, Outcome, envelope};
+use crate::cli::{Global, Outcome, result, rows};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::output::{Document, create_folder, write_whole};
-use crate::rtcp::export::{Confidence, Control, differences, export};
+use crate::rtcp::export::{Confidence, Control, Parameter, differences, export};
 
 /// Writes the machine's numbers the way a control wants them
 #[derive(Debug, clap::Args)]
@@ -26,6 +27,37 @@ pub struct Args {
     /// Write the files into this folder instead of printing them
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
+}
+
+/// What is printed.
+#[derive(Serialize, JsonSchema)]
+#[serde(untagged)]
+pub enum Output {
+    /// Everything the control takes.
+    Whole { parameters: Vec<Parameter>, files: Vec<File> },
+    /// What differs from another machine file.
+    Changes { changes: Vec<Change> },
+}
+
+/// A file for the control.
+#[derive(Serialize, JsonSchema)]
+pub struct File {
+    name: String,
+    text: String,
+}
+
+/// A value that changes.
+#[derive(Serialize, JsonSchema)]
+pub struct Change {
+    /// As the control names it.
+    name: String,
+    /// `mm`, or empty for a code.
+    unit: &'static str,
+    old: f64,
+    new: f64,
+    change: f64,
+    meaning: String,
+    confidence: Confidence,
 }
 
 /// Runs the command.
@@ -48,49 +80,39 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
     }
 
-    let mut map = envelope("export", &args.machine, &warnings);
-    let rows: Vec<Value>;
     let mut table = String::new();
     // Writing to a String cannot fail.
-    if let Some(old) = &args.diff {
+    let (output, rows) = if let Some(old) = &args.diff {
         let before = export(&Machine::read(old)?, args.control)?;
-        let changed = differences(&before, &made);
-        rows = changed
-            .iter()
-            .map(|(p, o, n)| {
-                json!({"name": p.name, "unit": p.unit, "old": o, "new": n, "change": n - o,
-                       "meaning": p.meaning, "confidence": p.confidence})
+        let changes: Vec<Change> = differences(&before, &made)
+            .into_iter()
+            .map(|(p, old, new)| Change {
+                name: p.name,
+                unit: p.unit,
+                old,
+                new,
+                change: new - old,
+                meaning: p.meaning,
+                confidence: p.confidence,
             })
             .collect();
-        map.insert("changes".into(), rows.clone().into());
-        if changed.is_empty() {
+        if changes.is_empty() {
             table += "nothing changes\n";
         } else {
             let _ =
                 writeln!(table, "{:<36} {:>12} {:>12} {:>10}", "parameter", "old", "new", "change");
         }
-        for (p, o, n) in &changed {
-            let mark = if p.confidence == Confidence::Unconfirmed { "NOT CONFIRMED: " } else { "" };
+        for c in &changes {
+            let mark = if c.confidence == Confidence::Unconfirmed { "NOT CONFIRMED: " } else { "" };
             let _ = writeln!(
                 table,
-                "{:<36} {o:>12.4} {n:>12.4} {:>+10.4}  {mark}{}",
-                p.name,
-                n - o,
-                p.meaning
+                "{:<36} {:>12.4} {:>12.4} {:>+10.4}  {mark}{}",
+                c.name, c.old, c.new, c.change, c.meaning
             );
         }
+        let rows = rows(&changes);
+        (Output::Changes { changes }, rows)
     } else {
-        rows = made
-            .parameters
-            .iter()
-            .map(|p| {
-                json!({"name": p.name, "value": p.value, "unit": p.unit, "meaning": p.meaning,
-                       "confidence": p.confidence})
-            })
-            .collect();
-        map.insert("parameters".into(), rows.clone().into());
-        let files = made.files.iter().map(|(name, text)| json!({"name": name, "text": text}));
-        map.insert("files".into(), files.collect());
         let several = made.files.len() > 1;
         for (name, text) in &made.files {
             match &args.dir {
@@ -99,6 +121,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 None => table += text,
             }
         }
-    }
-    Ok(Outcome::good(Document { json: Value::Object(map), rows, table }))
+        let rows = rows(&made.parameters);
+        let files = made.files.into_iter().map(|(name, text)| File { name, text }).collect();
+        (Output::Whole { parameters: made.parameters, files }, rows)
+    };
+    let json = result("export", &args.machine, &warnings, &output);
+    Ok(Outcome::good(Document { json, rows, table }))
 }

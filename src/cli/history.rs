@@ -3,9 +3,9 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
+use serde_json::Value;
 
-use super::{Global, Outcome, envelope};
+use super::{Global, Outcome, result, rows};
 use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
@@ -47,6 +47,15 @@ enum Action {
     Export,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// What changed by more than its uncertainty.
+    drift: Vec<drift::Drift>,
+    /// Oldest first.
+    records: Vec<Record>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let path = global.records.as_ref().ok_or_else(|| {
@@ -73,12 +82,15 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         until: args.until.clone(),
         last: args.last,
     })?;
-    let rows: Vec<Value> =
-        records.iter().map(|r| serde_json::to_value(r).unwrap_or_default()).collect();
+    let rows = rows(&records);
     if args.action == Action::Export {
-        let text = Document { json: Value::Null, rows: rows.clone(), table: String::new() }
-            .text(Format::Jsonl);
-        return Ok(Outcome::good(Document { json: json!({ "records": rows }), rows, table: text }));
+        let document = Document {
+            json: result("history", path, &[], &Output { drift: Vec::new(), records }),
+            rows,
+            table: String::new(),
+        };
+        let table = document.text(Format::Jsonl);
+        return Ok(Outcome::good(Document { table, ..document }));
     }
     let series = drift::series(&records);
     let drifts: Vec<_> = series.iter().flat_map(drift::Series::drift).collect();
@@ -87,11 +99,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let path = drift::figure(&series).write(folder, "history")?;
         global.say(format!("wrote {}", path.display()));
     }
-    let mut json = envelope("history", path, &warnings);
-    json.insert("drift".into(), serde_json::to_value(&drifts).unwrap_or_default());
-    json.insert("records".into(), rows.clone().into());
-    let mut text = format!("{} records\n", records.len());
-    for record in &records {
+    let output = Output { drift: drifts, records };
+    let json = result("history", path, &warnings, &output);
+    let mut text = format!("{} records\n", output.records.len());
+    for record in &output.records {
         let verdict = record.verdict.as_deref().unwrap_or("");
         let _ = writeln!(
             text,
@@ -106,7 +117,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     warnings.iter().for_each(|w| {
         let _ = writeln!(text, "warning: {w}");
     });
-    Ok(Outcome::good(Document { json: json.into(), rows, table: text }))
+    Ok(Outcome::good(Document { json, rows, table: text }))
 }
 
 /// The followed values of one record on one line.

@@ -3,11 +3,12 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
 
-use crate::cli::{Global, Outcome, envelope};
+use crate::cli::{Global, Outcome, result};
 use crate::error::{Error, Result};
-use crate::machine::{Kinematics, Machine, Side, frames_svg};
+use crate::machine::{Effect, Kinematics, Machine, Side, frames_svg};
 use crate::output::{Document, write_whole};
 
 /// Checks a machine file and shows its axes from the work to the tool
@@ -19,6 +20,38 @@ pub struct Args {
     /// Draw the frames and vectors of a head B / table C machine as SVG
     #[arg(long, value_name = "SVG")]
     figure: Option<PathBuf>,
+}
+
+/// What is printed.
+#[derive(Serialize, JsonSchema)]
+pub struct Output {
+    /// The machine's name.
+    name: String,
+    /// The axes' order from the work to the tool.
+    order: String,
+    /// The axes in that order.
+    axes: Vec<Axis>,
+    /// Known faults.
+    effects: Vec<Effect>,
+}
+
+/// An axis at zero.
+#[derive(Serialize, JsonSchema)]
+struct Axis {
+    /// Its letter.
+    name: String,
+    /// What it moves: the tool or the work.
+    carries: &'static str,
+    /// Unit vector in the machine frame.
+    direction: [f64; 3],
+    /// A point on a rotary axis.
+    point_mm: Option<[f64; 3]>,
+    /// +1, or -1 where the control counts the other way.
+    sense: f64,
+    /// Travel; null where unlimited.
+    limits: [Option<f64>; 2],
+    /// Their unit.
+    limits_unit: &'static str,
 }
 
 /// Runs the command.
@@ -57,18 +90,25 @@ pub fn run(args: &Args, _global: &Global) -> Result<Outcome> {
             let _ = write!(table, ", {:.3} to {:.3} {unit}", limits[0], limits[1]);
         }
         table.push('\n');
-        let finite = |v: f64| if v.is_finite() { json!(v) } else { Value::Null };
-        axes.push(json!({"name": axis.name.to_string(), "carries": side, "direction": [d.x, d.y, d.z],
-            "point_mm": if rotary { json!([p.x, p.y, p.z]) } else { Value::Null }, "sense": axis.sense,
-            "limits": limits.map(finite), "limits_unit": unit}));
+        axes.push(Axis {
+            name: axis.name.to_string(),
+            carries: side,
+            direction: d.into(),
+            point_mm: rotary.then(|| p.into()),
+            sense: axis.sense,
+            limits: limits.map(|v| v.is_finite().then_some(v)),
+            limits_unit: unit,
+        });
     }
     for effect in &machine.effects {
         let _ = writeln!(table, "effect {}: {:?}", effect.name, effect.parameters);
     }
-    let mut map = envelope("machine", &args.machine, &[]);
-    map.insert("name".into(), json!(machine.name));
-    map.insert("order".into(), json!(machine.kinematics.order));
-    map.insert("axes".into(), axes.into());
-    map.insert("effects".into(), json!(machine.effects));
-    Ok(Outcome::good(Document::single(Value::Object(map), table)))
+    let output = Output {
+        name: machine.name,
+        order: machine.kinematics.order,
+        axes,
+        effects: machine.effects,
+    };
+    let json = result("machine", &args.machine, &[], &output);
+    Ok(Outcome::good(Document::single(json, table)))
 }

@@ -4,6 +4,7 @@ mod align;
 mod ballbar;
 mod batch;
 mod burn;
+mod calib;
 mod circles;
 mod config;
 mod demo;
@@ -37,7 +38,7 @@ use crate::output::{Document, Format, write_whole};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
 #[derive(Debug, Parser)]
-#[command(name = "pivotsight", version, about, max_term_width = 100)]
+#[command(name = "pivotsight", version = crate::cv::version(), about, max_term_width = 100)]
 struct Cli {
     #[command(flatten)]
     global: Global,
@@ -91,6 +92,7 @@ impl Global {
 #[derive(Debug, Subcommand)]
 enum Command {
     Burn(burn::Args),
+    Calib(calib::Args),
     Circles(circles::Args),
     Align(align::Args),
     Ballbar(ballbar::Args),
@@ -189,13 +191,18 @@ pub fn run() -> ExitCode {
 
 /// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
 fn takes_out(command: &Command) -> bool {
-    matches!(command, Command::Batch(_) | Command::Report(_) | Command::Man(_))
+    match command {
+        Command::Batch(_) | Command::Report(_) | Command::Man(_) => true,
+        Command::Calib(args) => args.takes_out(),
+        _ => false,
+    }
 }
 
 fn dispatch(cli: &Cli) -> Result<Outcome> {
     let global = &cli.global;
     match &cli.command {
         Command::Burn(args) => burn::run(args, global),
+        Command::Calib(args) => calib::run(args, global),
         Command::Circles(args) => circles::run(args, global),
         Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),
@@ -250,4 +257,23 @@ pub fn envelope(
     map.insert("input".into(), serde_json::to_value(input).unwrap_or_default());
     map.insert("warnings".into(), warnings.into());
     map
+}
+
+/// A whole JSON result: the envelope, then the keys of `body`.
+pub fn result(
+    command: &str,
+    input: impl serde::Serialize,
+    warnings: &[String],
+    body: &impl serde::Serialize,
+) -> serde_json::Value {
+    let mut map = envelope(command, input, warnings);
+    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(body) {
+        map.extend(keys);
+    }
+    map.into()
+}
+
+/// A list as the rows of a document.
+pub fn rows(list: &[impl serde::Serialize]) -> Vec<serde_json::Value> {
+    list.iter().map(|row| serde_json::to_value(row).unwrap_or_default()).collect()
 }

@@ -10,6 +10,46 @@ use super::{Global, Outcome, Status, envelope};
 use crate::error::{Error, Result};
 use crate::output::{Document, create_folder, write_whole};
 
+/// What is printed of one picture, or of several.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // Only described: reports of any kind are printed the same way.
+pub enum Pictures<R> {
+    One(Picture<R>),
+    Failed(Failed),
+    Several { results: Vec<Entry<R>> },
+}
+
+/// One of several.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)]
+pub enum Entry<R> {
+    Measured(Picture<R>),
+    Failed(Failed),
+}
+
+/// A measured picture.
+#[derive(schemars::JsonSchema)]
+#[allow(dead_code)]
+pub struct Picture<R> {
+    /// The picture's file.
+    image: String,
+    #[serde(flatten)]
+    report: R,
+}
+
+/// A picture that could not be measured.
+#[derive(schemars::JsonSchema)]
+#[allow(dead_code)]
+pub struct Failed {
+    /// The picture's file.
+    image: String,
+    /// Why not.
+    error: String,
+    warnings: Vec<String>,
+}
+
 /// One measured picture, ready to print.
 pub struct Shown {
     /// The report's keys.

@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, result};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
 use crate::regress::{self, Case};
@@ -21,18 +21,32 @@ pub struct Args {
     update: bool,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// Whether every case passed.
+    passed: bool,
+    /// Case by case.
+    cases: Vec<Case>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let program = std::env::current_exe().map_err(|e| Error::io("pivotsight", "find", e))?;
-    let cases = regress::run(&args.folder, &program, args.update)?;
+    let cases = regress::run(&args.folder, &program)?;
+    if args.update {
+        // The difference is shown before anything is overwritten.
+        global.say(text(&cases).trim_end());
+        regress::update(&cases)?;
+    }
     if let Some(path) = &args.junit {
         write_whole(path, regress::junit(&cases).as_bytes())?;
         global.say(format!("wrote {}", path.display()));
     }
     let passed = cases.iter().all(|c| c.passed);
-    let mut json = envelope("regress", &args.folder, &[]);
-    json.insert("passed".into(), passed.into());
-    json.insert("cases".into(), serde_json::to_value(&cases).unwrap_or_default());
+    let output = Output { passed, cases };
+    let json = result("regress", &args.folder, &[], &output);
+    let cases = &output.cases;
     let rows = cases.iter().flat_map(|case| {
         case.checks.iter().map(|check| {
             let mut row = serde_json::to_value(check).unwrap_or_default();
@@ -41,12 +55,11 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         })
     });
     let status = if passed || args.update { Status::Good } else { Status::OutOfTolerance };
-    let document =
-        Document { rows: rows.collect(), json: json.into(), table: text(&cases, args.update) };
+    let document = Document { rows: rows.collect(), json, table: text(cases) };
     Ok(Outcome { document: Some(document), status })
 }
 
-fn text(cases: &[Case], update: bool) -> String {
+fn text(cases: &[Case]) -> String {
     let mut text = String::new();
     for case in cases {
         let _ = writeln!(text, "{} {}", if case.passed { "ok  " } else { "FAIL" }, case.case);
@@ -59,12 +72,7 @@ fn text(cases: &[Case], update: bool) -> String {
                 _ => String::new(),
             };
             let actual = if c.actual.is_empty() { "nothing" } else { &c.actual };
-            let taken = if update && !c.actual.is_empty() { ": updated" } else { "" };
-            let _ = writeln!(
-                text,
-                "     {}: expected {}, got {actual}{drift}{taken}",
-                c.key, c.expected
-            );
+            let _ = writeln!(text, "     {}: expected {}, got {actual}{drift}", c.key, c.expected);
         }
     }
     let failed = cases.iter().filter(|c| !c.passed).count();

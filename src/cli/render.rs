@@ -2,9 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::json;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, result, rows};
 use crate::error::{Error, Result};
 use crate::output::{Document, create_folder, write_whole};
 use crate::render::camera::Camera;
@@ -52,29 +54,77 @@ struct Wish {
     binning: u32,
 }
 
-/// Runs the command.
-pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let (kind, rows) = match &args.what {
-        What::Burn(wish) => ("burn", burns(wish, global)?),
-        What::Rod(wish) => ("rod", rods(wish, global)?),
-    };
-    let table = rows.iter().map(|r| format!("{}\n", r["line"].as_str().unwrap_or(""))).collect();
-    let rows: Vec<Value> = rows
-        .into_iter()
-        .map(|mut row| {
-            row.as_object_mut().map(|r| r.shift_remove("line"));
-            row
-        })
-        .collect();
-    let mut json = envelope(&format!("render-{kind}"), json!({ "kind": kind }), &[]);
-    json.insert("results".into(), rows.clone().into());
-    Ok(Outcome {
-        document: Some(Document { json: json.into(), rows, table }),
-        status: Status::Good,
-    })
+/// What is printed.
+#[derive(Serialize, JsonSchema)]
+pub struct Output<R> {
+    results: Vec<R>,
 }
 
-fn burns(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
+/// A rendered burn.
+#[derive(Serialize, JsonSchema)]
+pub struct Burn {
+    /// The picture.
+    image: String,
+    truth: Truth<burn::BurnTruth>,
+}
+
+/// A rendered rod.
+#[derive(Serialize, JsonSchema)]
+pub struct Rod {
+    /// The captures table.
+    captures: String,
+    truth: Truth<rod::RodTruth>,
+}
+
+/// What the truth file holds.
+#[derive(Serialize, JsonSchema)]
+struct Truth<T> {
+    /// Its own schema.
+    schema: String,
+    /// The file it is the truth of.
+    of: String,
+    /// The calibration beside it.
+    calib: &'static str,
+    #[serde(flatten)]
+    truth: T,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    match &args.what {
+        What::Burn(wish) => {
+            let made = burns(wish, global)?;
+            let line = |b: &Burn| {
+                let (t, [x, y]) = (&b.truth.truth, b.truth.truth.offset_mm);
+                format!(
+                    "{}  offset ({x:+.4}, {y:+.4}) mm  ring {:.4} mm  spot {:.4} mm\n",
+                    b.image, t.ring.diameter_mm, t.spot.diameter_mm
+                )
+            };
+            Ok(document("burn", made.iter().map(line).collect(), made))
+        }
+        What::Rod(wish) => {
+            let made = rods(wish, global)?;
+            let line = |(r, captures): &(Rod, usize)| {
+                let (t, [x, y]) = (&r.truth.truth, r.truth.truth.axis_center_mm);
+                format!(
+                    "{}  {captures} captures  axis ({x:.4}, {y:.4}) mm  rod {:.4} mm\n",
+                    r.captures, t.diameter_mm
+                )
+            };
+            let table = made.iter().map(line).collect();
+            Ok(document("rod", table, made.into_iter().map(|m| m.0).collect()))
+        }
+    }
+}
+
+fn document(kind: &str, table: String, results: Vec<impl Serialize>) -> Outcome {
+    let rows = rows(&results);
+    let json = result(&format!("render-{kind}"), json!({ "kind": kind }), &[], &Output { results });
+    Outcome::good(Document { json, rows, table })
+}
+
+fn burns(wish: &Wish, global: &Global) -> Result<Vec<Burn>> {
     let mut scene = match (&wish.scene, wish.preset) {
         (Some(path), _) => BurnScene::read(path)?,
         (None, preset) => BurnScene::preset(preset.unwrap_or(Preset::Clean))?,
@@ -91,20 +141,14 @@ fn burns(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
         let name = format!("burn-{number:04}");
         let image = format!("{name}.png");
         made.picture.write_png(wish.out_dir.join(&image))?;
-        let truth = write_truth(&wish.out_dir, &name, &image, "burn", &made.truth)?;
+        let truth = write_truth(&wish.out_dir, &name, &image, "burn", made.truth)?;
         global.say(format_args!("{image}"));
-        let [x, y] = made.truth.offset_mm;
-        rows.push(json!({
-            "line": format!("{image}  offset ({x:+.4}, {y:+.4}) mm  ring {:.4} mm  spot {:.4} mm",
-                made.truth.ring.diameter_mm, made.truth.spot.diameter_mm),
-            "image": image,
-            "truth": truth,
-        }));
+        rows.push(Burn { image, truth });
     }
     Ok(rows)
 }
 
-fn rods(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
+fn rods(wish: &Wish, global: &Global) -> Result<Vec<(Rod, usize)>> {
     let mut scene = match (&wish.scene, wish.preset) {
         (Some(path), _) => RodScene::read(path)?,
         (None, preset) => RodScene::preset(preset.unwrap_or(Preset::Clean))?,
@@ -120,15 +164,9 @@ fn rods(wish: &Wish, global: &Global) -> Result<Vec<Value>> {
         }
         let name = format!("rod-{number:04}");
         let table = made.write(&wish.out_dir, &name)?;
-        let truth = write_truth(&wish.out_dir, &name, &table, "rod", &made.truth)?;
+        let truth = write_truth(&wish.out_dir, &name, &table, "rod", made.truth)?;
         global.say(format_args!("{table}"));
-        let [x, y] = made.truth.axis_center_mm;
-        rows.push(json!({
-            "line": format!("{table}  {} captures  axis ({x:.4}, {y:.4}) mm  rod {:.4} mm",
-                made.captures.len(), made.truth.diameter_mm),
-            "captures": table,
-            "truth": truth,
-        }));
+        rows.push((Rod { captures: table, truth }, made.captures.len()));
     }
     Ok(rows)
 }
@@ -140,24 +178,19 @@ fn write_calibration(folder: &Path, camera: &Camera) -> Result<()> {
 }
 
 /// Writes `NAME.truth.json` and hands back what it holds.
-fn write_truth(
+fn write_truth<T: Serialize>(
     folder: &Path,
     name: &str,
     of: &str,
     kind: &str,
-    truth: &impl serde::Serialize,
-) -> Result<Value> {
-    let mut json = serde_json::Map::new();
-    json.insert("schema".into(), format!("pivotsight.truth-{kind}/1").into());
-    json.insert("of".into(), of.into());
-    json.insert("calib".into(), "calib.toml".into());
+    truth: T,
+) -> Result<Truth<T>> {
+    let schema = format!("pivotsight.truth-{kind}/1");
+    let truth = Truth { schema, of: of.into(), calib: "calib.toml", truth };
     let path = folder.join(format!("{name}.truth.json"));
-    match serde_json::to_value(truth) {
-        Ok(Value::Object(truth)) => json.extend(truth),
-        _ => return Err(Error::file(path, "cannot be written as JSON", "report this")),
-    }
-    let value = Value::Object(json);
-    let text = serde_json::to_string_pretty(&value).unwrap_or_default() + "\n";
-    write_whole(path, text.as_bytes())?;
-    Ok(value)
+    let text = serde_json::to_string_pretty(&truth).map_err(|e| {
+        Error::file(&path, format!("cannot be written as JSON: {e}"), "report this")
+    })?;
+    write_whole(path, (text + "\n").as_bytes())?;
+    Ok(truth)
 }

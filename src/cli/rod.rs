@@ -4,8 +4,7 @@ use std::collections::HashSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use super::pictures::keys;
-use super::{Global, Outcome, envelope};
+use super::{Global, Outcome, result};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
@@ -59,9 +58,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let report = &measured.report;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = envelope("rod", &args.captures, &report.warnings);
-    json.extend(keys(report, &args.captures.display().to_string())?);
-    Ok(Outcome::good(Document::single(json.into(), table(report))))
+    let json = result("rod", &args.captures, &report.warnings, report);
+    Ok(Outcome::good(Document::single(json, table(report))))
 }
 
 /// One picture a capture, numbered as in the table where a name comes twice.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::{Global, Outcome, envelope};
+use super::{Global, Outcome, result, rows};
 use crate::error::Result;
 use crate::output::{Document, write_whole};
 use crate::rotary::{self, Options, Sweep, export};
@@ -98,10 +98,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         global.say(format!("wrote {}", path.display()));
     }
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = envelope("rotary", &args.deviations, &report.warnings);
-    if let serde_json::Value::Object(keys) = report.json() {
-        json.extend(keys);
-    }
-    let rows = json["rows"].as_array().cloned().unwrap_or_default();
-    Ok(Outcome::good(Document { json: json.into(), rows, table: report.text() }))
+    let json = result("rotary", &args.deviations, &report.warnings, &report);
+    Ok(Outcome::good(Document { json, rows: rows(&report.rows), table: report.text() }))
 }

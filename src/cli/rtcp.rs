@@ -3,9 +3,9 @@
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
-use crate::cli::{Global, Outcome, envelope};
+use crate::cli::{Global, Outcome, result};
 use crate::error::{Error, Result};
 use crate::machine::{AxisName, Chain, Machine, ToolPose};
 use crate::output::{Document, Format};
@@ -32,6 +32,13 @@ enum Way {
     Inverse,
     /// Machine coordinates → tool points in the table frame
     Forward,
+}
+
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// Each pose (or solution) under its columns' names, which depend on the machine's rotary axes.
+    poses: Vec<Map<String, Value>>,
 }
 
 /// The answer: rows under their columns' names.
@@ -74,7 +81,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 
     // Poses are a table by nature: people get the CSV too, with nine decimals.
     let mut csv = poses.names.join(",") + "\n";
-    let mut objects = Vec::with_capacity(poses.rows.len());
+    let mut objects: Vec<Map<String, Value>> = Vec::with_capacity(poses.rows.len());
     for Row { counts, numbers, note } in poses.rows {
         let mut cells: Vec<String> = counts.iter().map(ToString::to_string).collect();
         cells.extend(numbers.iter().map(|v| format!("{v:.9}")));
@@ -87,13 +94,14 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let counts = counts.iter().map(|&n| json!(n));
             counts.chain(numbers.iter().map(|&v| json!(v))).chain(note.map(Value::String)).collect()
         };
-        objects.push(Value::Object(poses.names.iter().cloned().zip(values).collect()));
+        objects.push(poses.names.iter().cloned().zip(values).collect());
     }
     let word = if args.way == Way::Inverse { "inverse" } else { "forward" };
     let input = json!({"machine": args.machine, "poses": args.poses, "way": word});
-    let mut json = envelope("rtcp", input, &poses.warnings);
-    json.insert("poses".into(), Value::Array(objects.clone()));
-    Ok(Outcome::good(Document { json: Value::Object(json), rows: objects, table: csv }))
+    let output = Output { poses: objects };
+    let json = result("rtcp", input, &poses.warnings, &output);
+    let rows = output.poses.into_iter().map(Value::Object).collect();
+    Ok(Outcome::good(Document { json, rows, table: csv }))
 }
 
 /// The rotary axes are given: one answer a pose.

@@ -1,13 +1,14 @@
 //! `pivotsight schema`: the JSON Schema of every output, made from the types that are written.
 
-use schemars::{JsonSchema, Schema, SchemaGenerator, generate::SchemaSettings};
+use schemars::{Schema, SchemaGenerator, generate::SchemaSettings};
 use serde_json::{Map, Value, json};
 
-use super::Outcome;
+use super::pictures::Pictures;
+use super::{Outcome, render};
 use crate::error::{Error, Result};
-use crate::measure::{burn, circles};
+use crate::measure::{burn, circles, rod};
 use crate::output::Document;
-use crate::{batch, regress, store};
+use crate::{align, ballbar, demo, rotary, rtcp, thermal};
 
 /// Print the JSON Schema of a command's output
 #[derive(Debug, clap::Args)]
@@ -16,29 +17,35 @@ pub struct Args {
     command: Option<String>,
 }
 
-#[derive(JsonSchema)]
-#[allow(dead_code)] // Only described, never made: the command builds the same keys.
-struct History {
-    drift: Vec<store::drift::Drift>,
-    records: Vec<store::Record>,
-}
-
-#[derive(JsonSchema)]
-#[allow(dead_code)]
-struct Regress {
-    passed: bool,
-    cases: Vec<regress::Case>,
-}
-
 type Make = fn(&mut SchemaGenerator) -> Schema;
 
 /// Every output with a schema. A new one is a line here.
 const SCHEMAS: &[(&str, Make)] = &[
-    ("batch", |g| g.root_schema_for::<batch::Summary>()),
-    ("burn", |g| g.root_schema_for::<burn::Report>()),
-    ("circles", |g| g.root_schema_for::<circles::Report>()),
-    ("history", |g| g.root_schema_for::<History>()),
-    ("regress", |g| g.root_schema_for::<Regress>()),
+    ("align", |g| g.root_schema_for::<align::Alignment>()),
+    ("align-apply", |g| g.root_schema_for::<align::apply::Report>()),
+    ("ballbar-decouple", |g| g.root_schema_for::<ballbar::Report>()),
+    ("ballbar-plan", |g| g.root_schema_for::<super::ballbar::Planned>()),
+    ("ballbar-simulate", |g| g.root_schema_for::<super::ballbar::Simulated>()),
+    ("batch", |g| g.root_schema_for::<super::batch::Output>()),
+    ("burn", |g| g.root_schema_for::<Pictures<burn::Report>>()),
+    ("circles", |g| g.root_schema_for::<Pictures<circles::Report>>()),
+    ("config", |g| g.root_schema_for::<super::config::Output>()),
+    ("demo", |g| g.root_schema_for::<demo::Report>()),
+    ("diagnose", |g| g.root_schema_for::<super::diagnose::Output>()),
+    ("export", |g| g.root_schema_for::<super::export::Output>()),
+    ("history", |g| g.root_schema_for::<super::history::Output>()),
+    ("machine", |g| g.root_schema_for::<super::machine::Output>()),
+    ("regress", |g| g.root_schema_for::<super::regress::Output>()),
+    ("render-burn", |g| g.root_schema_for::<render::Output<render::Burn>>()),
+    ("render-rod", |g| g.root_schema_for::<render::Output<render::Rod>>()),
+    ("rod", |g| g.root_schema_for::<rod::Report>()),
+    ("rotary", |g| g.root_schema_for::<rotary::Report>()),
+    ("rtcp", |g| g.root_schema_for::<super::rtcp::Output>()),
+    ("simulate", |g| g.root_schema_for::<super::simulate::Output>()),
+    ("solve", |g| g.root_schema_for::<rtcp::report::Solution>()),
+    ("thermal-compensate", |g| g.root_schema_for::<thermal::verify::Report>()),
+    ("thermal-fit", |g| g.root_schema_for::<thermal::Model>()),
+    ("verify", |g| g.root_schema_for::<super::verify::Output>()),
 ];
 
 /// Runs the command.
@@ -80,7 +87,8 @@ fn with_envelope(name: &str, schema: Schema) -> Value {
     }
     schema["properties"] = properties.into();
     let own = schema.get("required").and_then(Value::as_array).cloned().unwrap_or_default();
-    let all = ["schema", "version", "input", "warnings"].map(Value::from).into_iter().chain(own);
-    schema["required"] = all.collect();
+    let first = ["schema", "version", "input", "warnings"].map(Value::from);
+    let own = own.into_iter().filter(|key| !first.contains(key)).collect::<Vec<_>>();
+    schema["required"] = first.iter().cloned().chain(own).collect();
     schema
 }

@@ -6,7 +6,7 @@ use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::{Map, Value, json};
 
-use crate::cli::{Global, Outcome, envelope};
+use crate::cli::{Global, Outcome, result};
 use crate::diagnose::data::rtcp::add_effects;
 use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
@@ -56,6 +56,28 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// The kind of data.
+    kind: String,
+    /// The data's columns with what is predicted.
+    rows: Vec<Map<String, Value>>,
+}
+
+fn document(
+    args: &Args,
+    kind: &str,
+    rows: Vec<Map<String, Value>>,
+    warnings: &[String],
+) -> Document {
+    let input = json!({"model": args.model, "data": args.data});
+    let output = Output { kind: kind.into(), rows };
+    let json = result("simulate", input, warnings, &output);
+    let rows = output.rows.into_iter().map(Value::Object).collect();
+    Document { json, rows, table: String::new() }
+}
+
 /// Gaussian noise in the order of the predicted values.
 fn noise(args: &Args) -> impl FnMut() -> f64 {
     let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
@@ -92,7 +114,7 @@ fn other(args: &Args, global: &Global) -> Result<Outcome> {
     predicted.iter_mut().for_each(|p| *p += noise());
     let columns = experiment.predicted_columns(&predicted);
     let table = Table::read(&args.data, &[], &["*"])?;
-    let rows: Vec<Value> = (0..table.rows())
+    let rows: Vec<Map<String, Value>> = (0..table.rows())
         .map(|r| {
             let mut row = Map::new();
             for name in table.names() {
@@ -103,13 +125,10 @@ fn other(args: &Args, global: &Global) -> Result<Outcome> {
             for (name, values) in &columns {
                 row.insert((*name).to_owned(), values[r].into());
             }
-            Value::Object(row)
+            row
         })
         .collect();
-    let mut json = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
-    json.insert("kind".into(), experiment.kind().into());
-    json.insert("rows".into(), Value::Array(rows.clone()));
-    let mut document = Document { json: json.into(), rows, table: String::new() };
+    let mut document = document(args, experiment.kind(), rows, &warnings);
     document.table = document.text(Format::Csv);
     Ok(Outcome::good(document))
 }
@@ -151,10 +170,7 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
             (_, Ok(number)) => json!(number),
         };
         let pairs = names.iter().map(|n| (*n).to_owned()).zip(cells.into_iter().map(value));
-        rows.push(Value::Object(pairs.collect::<Map<_, _>>()));
+        rows.push(pairs.collect());
     }
-    let mut map = envelope("simulate", json!({"model": args.model, "data": args.data}), &warnings);
-    map.insert("kind".into(), "rtcp".into());
-    map.insert("rows".into(), rows.clone().into());
-    Ok(Outcome::good(Document { json: Value::Object(map), rows, table: csv }))
+    Ok(Outcome::good(Document { table: csv, ..document(args, "rtcp", rows, &warnings) }))
 }

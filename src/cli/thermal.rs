@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, result, rows};
 use crate::error::{Error, Result};
 use crate::output::{Document, create_folder, write_whole};
 use crate::thermal::compensate::{self, Compensator};
@@ -138,11 +138,7 @@ fn fit(args: &FitArgs, global: &Global) -> Result<Outcome> {
         global.say(format!("wrote {}", model.figure().write(folder, "thermal")?.display()));
     }
     let input = json!({ "head": args.head, "screw": args.screw });
-    let mut json = envelope("thermal-fit", input, &warnings);
-    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(&model) {
-        json.extend(keys);
-    }
-    let document = Document::single(json.into(), model.text());
+    let document = Document::single(result("thermal-fit", input, &warnings, &model), model.text());
     // The result is the model file, so --out gets JSON whatever is printed for people.
     match &global.out {
         Some(path) => {
@@ -195,12 +191,8 @@ fn correct_table(args: &CompensateArgs, table: &Path, global: &Global) -> Result
     if let Some(folder) = &args.plot {
         global.say(format!("wrote {}", report.figure().write(folder, "compensation")?.display()));
     }
-    let mut json = envelope("thermal-compensate", table, &[]);
-    json.insert("before_rms_mm".into(), report.before_rms_mm.into());
-    json.insert("after_rms_mm".into(), report.after_rms_mm.into());
-    let rows: Vec<serde_json::Value> = report.rows.iter().map(|r| json!(r)).collect();
-    json.insert("rows".into(), rows.clone().into());
-    Ok(Outcome::good(Document { json: json.into(), rows, table: report.text() }))
+    let json = result("thermal-compensate", table, &[], &report);
+    Ok(Outcome::good(Document { json, rows: rows(&report.rows), table: report.text() }))
 }
 
 fn write_simulation(args: &SimulateArgs, global: &Global) -> Result<Outcome> {

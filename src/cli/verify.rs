@@ -3,10 +3,11 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector3;
-use serde_json::{Value, json};
+use schemars::JsonSchema;
+use serde::Serialize;
+use serde_json::json;
 
-use crate::cli::{Global, Outcome, Status, envelope};
+use crate::cli::{Global, Outcome, Status, result, rows};
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -51,6 +52,59 @@ pub struct Args {
     poses: usize,
 }
 
+/// What is printed.
+#[derive(JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // Only described.
+pub enum Output {
+    Compared(Compared),
+    Planned(Planned),
+}
+
+/// A measured sweep against the model.
+#[derive(Serialize, JsonSchema)]
+pub struct Compared {
+    /// How many poses.
+    poses: usize,
+    /// The measured deviations.
+    before: Size,
+    /// What the model leaves of them.
+    after: Size,
+    /// Where the target really is, seen from where the model has it, in the table frame.
+    target_offset_mm: [f64; 3],
+    /// Which of `before` and `after` the tolerance is held against.
+    judged: &'static str,
+    /// Half-width of the 95 % interval of a deviation.
+    worst_u95_mm: f64,
+    /// Largest deviation allowed.
+    tolerance_mm: f64,
+    /// Of `worst_mm` of what is judged.
+    verdict: Verdict,
+    /// The plot written.
+    plot: Option<PathBuf>,
+    /// Pose by pose.
+    rows: Vec<Row>,
+}
+
+/// One pose; deviations along X, Y, Z.
+#[derive(Serialize, JsonSchema)]
+struct Row {
+    b_deg: f64,
+    c_deg: f64,
+    measured_mm: [f64; 3],
+    predicted_mm: [f64; 3],
+    left_mm: [f64; 3],
+}
+
+/// The sweep to measure.
+#[derive(Serialize, JsonSchema)]
+pub struct Planned {
+    /// How many poses.
+    poses: usize,
+    /// The files written.
+    files: Vec<PathBuf>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
@@ -81,10 +135,9 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path) -> Result<Outcome> {
         write_whole(folder.join(name), text.as_bytes())?;
         let _ = writeln!(table, "{}", folder.join(name).display());
     }
-    let mut map = envelope("verify", &args.machine, &[]);
-    map.insert("poses".into(), json!(plan.len()));
-    map.insert("files".into(), files.iter().map(|(n, _)| json!(folder.join(n))).collect());
-    Ok(Outcome::good(Document::single(Value::Object(map), table)))
+    let planned =
+        Planned { poses: plan.len(), files: files.map(|(name, _)| folder.join(name)).to_vec() };
+    Ok(Outcome::good(Document::single(result("verify", &args.machine, &[], &planned), table)))
 }
 
 fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Result<Outcome> {
@@ -123,27 +176,27 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         .map(|folder| figure(&sweep, &report, args.noise_mm).write(folder, "sweep"))
         .transpose()?;
 
-    let rows: Vec<Value> = (0..measured.len())
-        .map(|i| {
-            let list = |d: &Vector3<f64>| json!([d.x, d.y, d.z]);
-            json!({"b_deg": sweep.rotary_rad[i][0].to_degrees(), "c_deg": sweep.rotary_rad[i][1].to_degrees(),
-                   "measured_mm": list(&report.measured[i]), "predicted_mm": list(&report.predicted[i]),
-                   "left_mm": list(&report.rest[i])})
-        })
-        .collect();
+    let list = (0..measured.len()).map(|i| Row {
+        b_deg: sweep.rotary_rad[i][0].to_degrees(),
+        c_deg: sweep.rotary_rad[i][1].to_degrees(),
+        measured_mm: report.measured[i].into(),
+        predicted_mm: report.predicted[i].into(),
+        left_mm: report.rest[i].into(),
+    });
+    let compared = Compared {
+        poses: measured.len(),
+        before: report.before,
+        after: report.after,
+        target_offset_mm: report.target_offset_mm.into(),
+        judged: if options.corrected { "after" } else { "before" },
+        worst_u95_mm: K95 * args.noise_mm,
+        tolerance_mm: args.tolerance_mm,
+        verdict: report.verdict,
+        plot: plot.clone(),
+        rows: list.collect(),
+    };
     let input = json!({"machine": args.machine, "data": data, "now": args.now});
-    let mut map = envelope("verify", input, &warnings);
-    map.insert("poses".into(), json!(measured.len()));
-    map.insert("before".into(), json!(report.before));
-    map.insert("after".into(), json!(report.after));
-    let offset: [f64; 3] = report.target_offset_mm.into();
-    map.insert("target_offset_mm".into(), json!(offset));
-    map.insert("judged".into(), json!(if options.corrected { "after" } else { "before" }));
-    map.insert("worst_u95_mm".into(), json!(K95 * args.noise_mm));
-    map.insert("tolerance_mm".into(), json!(args.tolerance_mm));
-    map.insert("verdict".into(), json!(report.verdict));
-    map.insert("plot".into(), json!(plot));
-    map.insert("rows".into(), rows.clone().into());
+    let json = result("verify", input, &warnings, &compared);
 
     let mut table =
         format!("{} poses          rms      x        y        z    worst, mm\n", measured.len());
@@ -174,7 +227,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     }
     let good = report.verdict == Verdict::Pass;
     Ok(Outcome {
-        document: Some(Document { json: Value::Object(map), rows, table }),
+        document: Some(Document { json, rows: rows(&compared.rows), table }),
         status: if good { Status::Good } else { Status::OutOfTolerance },
     })
 }

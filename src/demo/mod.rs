@@ -34,7 +34,7 @@ pub struct Options {
 }
 
 /// One burn test.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct BurnTest {
     /// The picture.
     pub image: String,
@@ -57,7 +57,7 @@ pub struct BurnTest {
 }
 
 /// A number of the machine, true and found.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Compared {
     /// Its name in `solve`'s result.
     pub name: &'static str,
@@ -72,7 +72,7 @@ pub struct Compared {
 }
 
 /// The whole story.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// The seed.
     pub seed: u64,

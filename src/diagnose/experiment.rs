@@ -137,7 +137,7 @@ pub trait Experiment {
 }
 
 /// A capture that could be taken: column names with values.
-#[derive(Debug, Clone, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct PlannedCapture(pub std::collections::BTreeMap<&'static str, f64>);
 
 impl PlannedCapture {

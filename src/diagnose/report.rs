@@ -6,7 +6,7 @@ use std::collections::BTreeMap;
 use crate::diagnose::experiment::PlannedCapture;
 
 /// What the diagnosis says as a whole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
     /// Nothing is missing.
@@ -32,7 +32,7 @@ impl Verdict {
 }
 
 /// A named effect.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct NamedEffect {
     /// The library's name.
     pub name: String,
@@ -55,7 +55,7 @@ pub struct NamedEffect {
 }
 
 /// Something without a name.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Unnamed {
     /// The output it shows in.
     pub output: String,
@@ -70,7 +70,7 @@ pub struct Unnamed {
 }
 
 /// Root mean squares before and after, on the fitted data and on captures held out.
-#[derive(Debug, Clone, Default, Serialize)]
+#[derive(Debug, Clone, Default, Serialize, schemars::JsonSchema)]
 #[allow(missing_docs)]
 pub struct Gap {
     pub before_rms_mm: f64,
@@ -81,7 +81,7 @@ pub struct Gap {
 }
 
 /// Where simulation and data disagree.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 #[allow(missing_docs)]
 pub struct Where {
     pub output: String,
@@ -92,7 +92,7 @@ pub struct Where {
 }
 
 /// What to capture next, and what it would tell apart.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct NextMeasurement {
     /// Names it tells apart.
     pub separates: Vec<String>,
@@ -105,7 +105,7 @@ pub struct NextMeasurement {
 }
 
 /// What each effect's smallest visible size is on this plan.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Detectable {
     /// The library's name.
     pub name: String,
@@ -118,7 +118,7 @@ pub struct Detectable {
 }
 
 /// The whole answer.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// What kind of data.
     pub kind: String,

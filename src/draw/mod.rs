@@ -1,7 +1,10 @@
 //! Overlay pictures: what was measured, drawn over the frame so that a person can judge it at a glance.
 
 mod canvas;
+mod coverage;
 mod sheet;
+
+pub use coverage::coverage;
 
 use nalgebra::Vector2;
 

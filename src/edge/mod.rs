@@ -8,7 +8,9 @@
 mod contour;
 mod levels;
 mod locate;
+mod noise;
 mod scan;
+mod sector;
 mod template;
 
 pub use contour::Contour;

@@ -32,9 +32,41 @@ pub struct Profiles {
     pub value: Vec<f32>,
     /// Mean distance of those pixels from the contour, outside positive.
     pub distance_px: Vec<f32>,
+    /// The highest pixel value in the band.
+    pub top: f32,
 }
 
+/// Values at which cameras of 8 to 16 bits clip, 10 and 12 bits in the high bits of 16 included.
+const CLIPS: [f32; 8] = [255.0, 1023.0, 4095.0, 16383.0, 65472.0, 65520.0, 65532.0, 65535.0];
+
 impl Profiles {
+    /// Takes out what glare has clipped: bins at the top value, with a margin, where most sectors are not.
+    pub fn mask_glare(&mut self) {
+        const MARGIN: usize = 3;
+        if !CLIPS.iter().any(|c| (self.top - c).abs() <= 1e-4 * c) {
+            return;
+        }
+        let clipped = |i: usize| self.count[i] > 0.0 && self.value[i] >= self.top * (1.0 - 1e-4);
+        let (bins, sectors) = (self.bins, self.sectors());
+        let mut masked = vec![false; self.count.len()];
+        for b in 0..bins {
+            let column = || (0..sectors).map(|s| s * bins + b);
+            let seen = column().filter(|&i| self.count[i] > 0.0).count();
+            let lost: Vec<usize> = column().filter(|&i| clipped(i)).collect();
+            // Where most sectors are clipped it is the picture's own background.
+            if 2 * lost.len() < seen {
+                for i in lost {
+                    let from = b.saturating_sub(MARGIN);
+                    let to = (b + MARGIN).min(bins - 1);
+                    masked[i - (b - from)..=i + (to - b)].fill(true);
+                }
+            }
+        }
+        for (count, _) in self.count.iter_mut().zip(&masked).filter(|(_, m)| **m) {
+            *count = 0.0;
+        }
+    }
+
     /// The range of `sector`'s bins in the flat lists.
     pub fn range(&self, sector: usize) -> std::ops::Range<usize> {
         sector * self.bins..(sector + 1) * self.bins
@@ -58,6 +90,7 @@ impl Profiles {
             count: vec![0.0; sectors * bins],
             value: vec![0.0; sectors * bins],
             distance_px: vec![0.0; sectors * bins],
+            top: self.top,
         };
         for s in 0..sectors {
             for b in 0..bins {
@@ -98,6 +131,7 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
     let mut count = vec![0.0f32; cells];
     let mut value = vec![0.0f32; cells];
     let mut distance_px = vec![0.0f32; cells];
+    let mut top = f32::NEG_INFINITY;
     let k = factor as f64;
     let middle = (k - 1.0) / 2.0;
     let (ox, oy) = (contour.origin_px.x, contour.origin_px.y);
@@ -136,7 +170,9 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
                 let sector = ((angle * sector_scale) as usize).min(band.sectors - 1);
                 let cell = sector * bins + bin as usize;
                 count[cell] += 1.0;
-                value[cell] += row[i].value();
+                let pixel = row[i].value();
+                value[cell] += pixel;
+                top = top.max(pixel);
                 distance_px[cell] += distance as f32;
             }
         }
@@ -150,7 +186,7 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
     let step = contour.span_rad / band.sectors as f64;
     let angle_rad =
         (0..band.sectors).map(|s| contour.start_rad + (s as f64 + 0.5) * step).collect();
-    Profiles { band, bins, angle_rad, count, value, distance_px }
+    Profiles { band, bins, angle_rad, count, value, distance_px, top }
 }
 
 /// Indices of reduced pixels whose middles lie between two full-picture coordinates.

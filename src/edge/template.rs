@@ -53,14 +53,51 @@ impl Template {
         }
     }
 
-    /// The strongest edge as a step: the levels either side, where it crosses the middle between them, and its
+    /// Smooths just enough that noise makes no more than a small part of the slopes: noise that passes for slope
+    /// would pass for knowledge of the place too.
+    pub fn denoise(&mut self) {
+        const NOISE_SHARE: f64 = 0.02;
+        let n = self.values.len();
+        if n < 8 {
+            return;
+        }
+        // Third differences of a smooth curve are small: what is left of them is noise (variance 20 of one).
+        let v = &self.values;
+        let mut thirds: Vec<f64> =
+            (0..n - 3).map(|i| (v[i + 3] - 3.0 * v[i + 2] + 3.0 * v[i + 1] - v[i]).abs()).collect();
+        let middle = thirds.len() / 2;
+        let noise2 =
+            (1.4826 * *thirds.select_nth_unstable_by(middle, f64::total_cmp).1).powi(2) / 20.0;
+        let energy = |v: &[f64]| v.windows(3).map(|w| 0.25 * (w[2] - w[0]).powi(2)).sum::<f64>();
+        let mut passes = 0;
+        while passes < n * n / 64 {
+            // Slope noise of a Gaussian-smoothed row: η² / (4 √π σ³) for σ² = passes / 2 bins.
+            let sigma = (0.5 * passes as f64).sqrt();
+            let slope_noise2 = noise2 * (0.5f64).min(0.141 / sigma.powi(3).max(1e-9));
+            if slope_noise2 * n as f64 <= NOISE_SHARE * energy(&self.values) {
+                return;
+            }
+            self.smooth(1);
+            passes += 1;
+        }
+    }
+
+    /// The strongest edge near distance 0 as a step: the levels either side, where it crosses the middle between them, and its
     /// softness (standard deviation of the Gaussian with the same peak slope).
     pub fn edge(&self) -> Step {
         let n = self.values.len();
         let slope: Vec<f64> =
             (0..n).map(|i| self.at(self.start_px + self.step_px * i as f64).1).collect();
-        let peak = (1..n.saturating_sub(1))
-            .max_by(|&a, &b| slope[a].abs().total_cmp(&slope[b].abs()))
+        // Of edges about as strong, the one nearest to where it is expected; the ends of the profile are no edges.
+        let end_px = self.start_px + self.step_px * (n - 1) as f64;
+        let strength = |i: usize| {
+            let distance_px = self.start_px + self.step_px * i as f64;
+            let reach_px = if distance_px < 0.0 { self.start_px } else { end_px };
+            slope[i].abs() * (1.0 - 0.7 * (distance_px / reach_px).powi(2))
+        };
+        let margin = (n / 16).max(1);
+        let peak = (margin..n.saturating_sub(margin))
+            .max_by(|&a, &b| strength(a).total_cmp(&strength(b)))
             .unwrap_or(0);
         let sign = slope[peak].signum();
         let floor = 0.04 * slope[peak].abs();

@@ -124,7 +124,7 @@ pub struct AxisEntry {
 }
 
 /// `[[effects]]`: one fault and its size; the effects library gives the names their meaning.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Effect {
     /// The library's name.

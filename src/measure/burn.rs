@@ -8,12 +8,11 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::camera::{Calibration, View};
+use crate::camera::Calibration;
 use crate::error::{Error, Result};
-use crate::find::{self, Candidate};
-use crate::frame::{Channel, Frame, Picture};
-use crate::measure::circles::measure_candidate;
-use crate::measure::ring::{self, Ring, Search};
+use crate::frame::{Channel, Picture};
+use crate::measure::marks;
+use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel};
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
@@ -40,7 +39,7 @@ pub enum ToleranceKind {
 }
 
 /// What is asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The limit.
@@ -143,7 +142,8 @@ pub fn measure(
     let (width, height) = picture.size();
     let view = calibration.view(width, height)?;
     let attempt = |channel: Channel| {
-        let (ring, spot, warnings) = marks(&picture.frame(channel), &view, options, subject)?;
+        let (ring, spot, warnings) =
+            marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
         Ok(report(ring, spot, options, channel, warnings))
     };
     let spread = |m: &Measured| m.report.offset_u95_mm[0].hypot(m.report.offset_u95_mm[1]);
@@ -178,190 +178,6 @@ pub fn check(options: &Options) -> Result<()> {
         ));
     }
     Ok(())
-}
-
-fn marks(
-    frame: &Frame,
-    view: &View,
-    options: &Options,
-    subject: &str,
-) -> Result<(Ring, Ring, Vec<String>)> {
-    let look = find::look(frame);
-    let side = frame.width().max(frame.height()) as f64;
-    let near = options.near_mm.map(|p| (view.to_pixel(Vector2::from(p)), 0.1 * side));
-    let all = find::circles(
-        &look,
-        find::Options {
-            least_radius_px: 0.02 * side,
-            most_radius_px: 0.6 * side,
-            near,
-            least_coverage: 0.35,
-            centers: 8,
-        },
-    );
-    let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
-    let rings = ring_candidates(&steady, 0.06 * side);
-    let mut warnings = Vec::new();
-    let mut no_spot = false;
-    for outer in rings.iter().take(4) {
-        let inside = find::circles(
-            &look,
-            find::Options {
-                least_radius_px: (0.05 * outer.circle.radius).max(4.0),
-                most_radius_px: 0.45 * outer.circle.radius,
-                near: Some((outer.circle.center, 0.7 * outer.circle.radius)),
-                least_coverage: 0.55,
-                centers: 6,
-            },
-        );
-        let spots: Vec<Candidate> = inside
-            .into_iter()
-            .filter(|c| {
-                is_steady(c)
-                    && (c.circle.center - outer.circle.center).norm() + 0.5 * c.circle.radius
-                        < 0.95 * outer.circle.radius
-            })
-            .collect();
-        let Some(spot) = best_spot(&spots) else {
-            no_spot = true;
-            continue;
-        };
-        if options.near_mm.is_none()
-            && let Some(other) = second_burn(&rings, outer)
-        {
-            return Err(Error::measure(
-                subject,
-                format!(
-                    "shows two test burns, near pixel ({:.0}, {:.0}) and ({:.0}, {:.0})",
-                    outer.circle.center.x,
-                    outer.circle.center.y,
-                    other.circle.center.x,
-                    other.circle.center.y
-                ),
-                "say which one with --near-mm X,Y (plane mm), or crop the picture",
-            ));
-        }
-        let Some((ring, spot)) = measure_pair(frame, view, outer, &spot, &steady) else { continue };
-        if ring.arc_coverage < 0.6 {
-            warnings.push(format!(
-                "only {:.0} % of the ring's edge was found",
-                100.0 * ring.arc_coverage
-            ));
-        }
-        return Ok((ring, spot, warnings));
-    }
-    if no_spot {
-        return Err(Error::measure(
-            subject,
-            "a ring was found, but no spot inside it",
-            "burn the spot (100 W from 1-5 mm) and photograph again, or light it so that it shows",
-        ));
-    }
-    Err(Error::measure(
-        subject,
-        "no ring was found",
-        "check that the whole ring is in the picture, in focus and darker or brighter than the plate",
-    ))
-}
-
-/// Whether a candidate's edge runs along its circle rather than wandering about it.
-fn is_steady(c: &Candidate) -> bool {
-    c.scatter_px < 0.035 * c.circle.radius + 4.0 && c.step.abs() > 0.0
-}
-
-/// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
-fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
-    let rank =
-        |c: &Candidate| c.score * c.coverage * c.circle.radius.sqrt() / (1.0 + 0.1 * c.scatter_px);
-    let mut list: Vec<Candidate> =
-        all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
-    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
-    let mut rings: Vec<Candidate> = Vec::new();
-    for c in list.iter().take(8) {
-        // A halo is much fainter than the ring it surrounds.
-        let outermost = all
-            .iter()
-            .filter(|o| {
-                concentric(o, c)
-                    && o.circle.radius >= c.circle.radius
-                    && o.step.abs() > 0.4 * c.step.abs()
-                    && o.coverage > 0.6 * c.coverage
-                    && o.scatter_px < 2.0 * c.scatter_px + 3.0
-            })
-            .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
-            .unwrap_or(c);
-        let known = |r: &Candidate| {
-            concentric(r, outermost)
-                && (r.circle.radius / outermost.circle.radius - 1.0).abs() < 0.05
-        };
-        if !rings.iter().any(known) {
-            rings.push(*outermost);
-        }
-    }
-    rings
-}
-
-fn concentric(a: &Candidate, b: &Candidate) -> bool {
-    (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
-}
-
-/// The spot among the circles inside the ring: the strongest; of nested edges the outermost of similar strength.
-fn best_spot(spots: &[Candidate]) -> Option<Candidate> {
-    let best = spots.iter().max_by(|a, b| {
-        let rank = |c: &Candidate| c.score * c.step.abs().sqrt() * c.coverage;
-        rank(a).total_cmp(&rank(b))
-    })?;
-    Some(*best)
-}
-
-/// Another ring beside this one of nearly the same standing.
-fn second_burn<'a>(rings: &'a [Candidate], first: &Candidate) -> Option<&'a Candidate> {
-    rings.iter().find(|r| {
-        let apart = (r.circle.center - first.circle.center).norm();
-        apart > 0.9 * (r.circle.radius + first.circle.radius)
-            && (0.6..1.7).contains(&(r.circle.radius / first.circle.radius))
-            && r.score > 0.6 * first.score
-            && r.coverage > 0.8
-            && r.scatter_px < 2.0 * first.scatter_px + 2.0
-    })
-}
-
-fn measure_pair(
-    frame: &Frame,
-    view: &View,
-    outer: &Candidate,
-    spot: &Candidate,
-    all: &[Candidate],
-) -> Option<(Ring, Ring)> {
-    let mut edges: Vec<Candidate> = all.iter().filter(|c| concentric(c, outer)).copied().collect();
-    edges.push(*spot);
-    let ring = measure_candidate(frame, view, outer, &edges);
-    let ring = ring?;
-    // The spot's band ends where the ring's next edge begins.
-    let reach = edges
-        .iter()
-        .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
-        .map(|c| {
-            c.circle.radius - (c.circle.center - spot.circle.center).norm() - 2.5 * c.softness_px
-        })
-        .fold(f64::INFINITY, f64::min);
-    let c = spot.circle;
-    let rough = crate::fit::Circle {
-        center: view.to_plane(c.center),
-        radius: c.radius * view.mm_per_px(c.center).determinant().abs().sqrt(),
-    };
-    let search = Search {
-        reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
-        inside_limit_px: 0.95 * c.radius,
-        outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
-        softness_px: spot.softness_px.max(1.5),
-    };
-    let spot = ring::measure(frame, view, rough, search, Some(&ring.wander));
-    let spot = spot?;
-    let plausible = spot.circle.radius < 0.6 * ring.circle.radius
-        && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
-        && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;
-    plausible.then_some((ring, spot))
 }
 
 fn report(

@@ -16,7 +16,7 @@ use crate::uncertainty::distance;
 const DIAMETER_WINDOW: f64 = 0.12;
 
 /// What is asked for.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Options {
     /// Expected diameters, in the order in which they are reported.
@@ -209,7 +209,9 @@ pub(crate) fn measure_candidate(
     for o in others {
         let apart = o.circle.radius - c.radius;
         let off = (o.circle.center - c.center).norm();
-        if off < 0.2 * c.radius && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
+        // A neighbour is as concentric as both are steady; what is not is no edge of this part.
+        let concentric = off < 0.02 * c.radius + 2.0 + candidate.scatter_px.min(0.05 * c.radius);
+        if concentric && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
             let half = (0.6 * apart.abs() - off).max(3.0);
             if apart < 0.0 {
                 inside = inside.min(half);

@@ -112,6 +112,7 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
     let mut profiles = read(frame, &contour, band, softness);
+    profiles.mask_glare();
     // Faint edges need wider sectors: a point must be surer than the edge is soft.
     let mut best = None;
     let located = loop {
@@ -177,6 +178,18 @@ pub fn measure(
             + (fitted.circle.radius - guess.radius).abs())
             / pixel;
         guess = fitted.circle;
+        if std::env::var("DBG").is_ok() {
+            eprintln!(
+                "  round c {:.1} {:.1} r {:.1} scale {:.2} usable {} soft {:.1} search {:?}",
+                view.to_pixel(guess.center).x,
+                view.to_pixel(guess.center).y,
+                guess.radius / pixel,
+                fitted.scale / pixel,
+                points.usable.iter().filter(|u| **u).count(),
+                points.located.step.softness_px,
+                search
+            );
+        }
         let softness = points.located.step.softness_px;
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)
@@ -233,7 +246,10 @@ fn finish(
     let fit = correlated::fit(&rows, known)?;
     let step = Vector2::new(fit.beta[0], fit.beta[1]);
     let center = about.center + step;
-    let form = fit.residuals.norm_squared() / fit.residuals.len() as f64;
+    // Faint sectors are noise more than form: they count by what they know.
+    let known: f64 = rows.variance.iter().map(|v| 1.0 / v).sum();
+    let form =
+        fit.residuals.iter().zip(&rows.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     // A blurred disc's half level lies σ²/2R inside its rim.
     let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;

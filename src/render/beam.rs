@@ -31,7 +31,7 @@ impl Default for Machine {
 }
 
 /// The beam of a head whose B axis and flange are off.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Beam {
     /// True B angle when the control says zero.
     pub b_error_deg: f64,

@@ -141,7 +141,7 @@ impl Default for Spot {
 }
 
 /// A circle's true place.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CircleTruth {
     /// Centre of the nominal contour in the plane.
     pub center_mm: [f64; 2],
@@ -152,7 +152,7 @@ pub struct CircleTruth {
 }
 
 /// What is true of a rendered burn.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct BurnTruth {
     /// The seed it was drawn with.
     pub seed: u64,

@@ -17,6 +17,7 @@ mod plan;
 pub mod rod;
 mod scene;
 mod surface;
+pub mod target;
 
 pub use burn::BurnScene;
 pub use draw::Draw;

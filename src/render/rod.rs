@@ -143,7 +143,7 @@ pub struct Capture {
 }
 
 /// The rod's centre at one C angle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct RodCenter {
     /// C angle.
     pub c_deg: f64,
@@ -152,7 +152,7 @@ pub struct RodCenter {
 }
 
 /// What is true of a rendered rod.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct RodTruth {
     /// The seed it was drawn with.
     pub seed: u64,

@@ -1,14 +1,13 @@
 //! What the correction hands back: rows, a summary, and their words and plots.
 
 use serde::Serialize;
-use serde_json::json;
 
 use super::sweep::NoiseSource;
 use super::{Direction, Noise, Options, PRINTED_RULE_DEG_PER_MM};
 use crate::plot::{Figure, Panel};
 
 /// One angle (and direction) of the table.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Row {
     /// Commanded angle.
     pub angle_deg: f64,
@@ -38,7 +37,7 @@ pub struct Row {
 }
 
 /// Why a row was treated as it was.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Flag {
     /// The deviation is within the dead band: the entry stays.
@@ -48,7 +47,7 @@ pub enum Flag {
 }
 
 /// What the rounded shop rule would have done.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Rule {
     /// The rule's correction per millimetre.
     pub deg_per_mm: f64,
@@ -61,7 +60,7 @@ pub struct Rule {
 }
 
 /// The sweep in a few numbers.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Summary {
     /// Distance from axis to tool point.
     pub pivot_mm: f64,
@@ -128,24 +127,20 @@ fn reversal(rows: &[Row]) -> Option<f64> {
 }
 
 /// The corrected table with everything known of it.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// One row for each angle and direction, by rising angle.
     pub rows: Vec<Row>,
     /// The sweep in a few numbers.
     pub summary: Summary,
     /// Whether the axis turns without end.
+    #[serde(skip)]
     pub modulo: bool,
     /// What the user should know.
     pub warnings: Vec<String>,
 }
 
 impl Report {
-    /// The result's keys (after the envelope).
-    pub fn json(&self) -> serde_json::Value {
-        json!({ "rows": self.rows, "summary": self.summary })
-    }
-
     /// Lines for people.
     pub fn text(&self) -> String {
         let mut out = String::from(

@@ -8,7 +8,9 @@ use crate::error::{Error, Result};
 use crate::table::Table;
 
 /// The way the axis came to the angle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, schemars::JsonSchema,
+)]
 pub enum Direction {
     /// Towards larger angles.
     #[serde(rename = "+")]
@@ -72,7 +74,7 @@ pub struct Noise {
 }
 
 /// Where the noise figure comes from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseSource {
     /// The user's figure.

@@ -3,6 +3,7 @@
 
 pub mod export;
 pub mod plan;
+pub mod report;
 mod session;
 mod session_file;
 pub mod solve;

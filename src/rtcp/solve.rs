@@ -16,7 +16,7 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::error::{Error, Result};
 use crate::machine::{AxisEntry, Head, Machine, Table};
-use crate::uncertainty::{Measured, Verdict};
+use crate::uncertainty::{Contribution, Measured, Verdict, budget};
 
 /// How many standard deviations the check touch may be off: one false alarm in 370.
 const CHECK_K: f64 = 3.0;
@@ -71,6 +71,8 @@ pub struct Solved {
     pub b_sense: i32,
     /// The third touch, where there is one.
     pub check: Option<Check>,
+    /// What contributes how much to the uncertainty of ΔX, R, xb and zb.
+    pub budget: Vec<Contribution>,
 }
 
 /// A third touch compared with what the other two predict.
@@ -87,6 +89,19 @@ pub struct Check {
     /// `pass` where the difference is within three standard uncertainties, else `fail`.
     pub verdict: Verdict,
 }
+
+/// Where uncertainty comes from, and which input quantities it enters through.
+const SOURCES: [(&str, &[usize]); 9] = [
+    ("C axis in X, from the camera", &[0]),
+    ("C axis in Y, from the camera", &[1]),
+    ("rod's centre seen from the C axis", &[2]),
+    ("rod's diameter", &[3]),
+    ("touch X1", &[4]),
+    ("touch X2", &[5]),
+    ("touch on the table", &[6]),
+    ("B zero", &[8, 12]),
+    ("B positions at the touches", &[9, 10, 13, 14]),
+];
 
 const INPUTS: usize = 15;
 const OUTPUTS: usize = 7;
@@ -161,6 +176,15 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
         covariance_mm2: covariance.fixed_view::<6, 6>(0, 0).into_owned(),
         b_sense: if sense > 0.0 { 1 } else { -1 },
         check,
+        budget: [("delta_x_mm", 4), ("r_mm", 5), ("xb_mm", 0), ("zb_mm", 1)]
+            .into_iter()
+            .flat_map(|(of, i)| {
+                let part = |inputs: &[usize]| {
+                    inputs.iter().map(|&j| jacobian[(i, j)].powi(2)).sum::<f64>().sqrt()
+                };
+                budget(of, SOURCES.map(|(source, inputs)| (source, part(inputs))))
+            })
+            .collect(),
     })
 }
 

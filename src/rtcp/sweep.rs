@@ -97,7 +97,7 @@ pub fn remove_target_offset(
 }
 
 /// How large deviations are.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct Size {
     /// Root mean square of the deviation's length.
     pub rms_mm: f64,

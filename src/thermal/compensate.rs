@@ -29,7 +29,7 @@ pub struct Request {
 }
 
 /// What the control gets.
-#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Answer {
     /// To be added to each axis' position; `null` where it cannot be told.
     pub correction_mm: BTreeMap<String, Option<f64>>,

@@ -130,7 +130,7 @@ impl Predictor {
 }
 
 /// One sensor's coefficient.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Coefficient {
     /// Number of the sensor, from 1.
@@ -144,7 +144,7 @@ pub struct Coefficient {
 }
 
 /// The fitted head.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Head {
     /// Sensors on the head, used or not.

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::plot::{Figure, Panel};
 
 /// Head and screws together.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Model {
     /// The cutting head, where it was calibrated.

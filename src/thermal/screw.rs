@@ -59,7 +59,7 @@ impl Data {
 }
 
 /// The slope at one temperature.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Slope {
     /// Mean screw temperature of the run.
@@ -73,7 +73,7 @@ pub struct Slope {
 }
 
 /// One axis' screw.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Screw {
     /// The axis.

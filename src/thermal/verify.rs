@@ -11,7 +11,7 @@ use crate::plot::{Figure, Panel};
 use crate::table::Table;
 
 /// One row of the table with its correction.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Row {
     /// The axis.
     pub axis: String,
@@ -30,14 +30,14 @@ pub struct Row {
 }
 
 /// All rows.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Report {
-    /// In the order of the table.
-    pub rows: Vec<Row>,
     /// Root mean square of the measured error, and of what is left.
     pub before_rms_mm: Option<f64>,
     /// See `before_rms_mm`.
     pub after_rms_mm: Option<f64>,
+    /// In the order of the table.
+    pub rows: Vec<Row>,
 }
 
 /// Corrects `axis,position_mm,screw_c,head_*_c` with optional `error_mm` and `t_s`; empty cells are dead sensors.

@@ -66,7 +66,11 @@ pub fn measure(
             Ok((picture.into_frame(options.channel), view))
         })
         .collect::<Result<Vec<_>>>()?;
-    measure_frames(captures, &frames, options)
+    let mut measured = measure_frames(captures, &frames, options)?;
+    if let Some(laser) = &calibration.laser {
+        measured.report.refer_to_laser(laser);
+    }
+    Ok(measured)
 }
 
 fn check(options: &Options) -> Result<()> {
@@ -89,7 +93,7 @@ fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// As [`measure`], from frames already in memory.
+/// As [`measure`], from frames already in memory, and as if the camera axis were the laser axis.
 pub fn measure_frames(
     captures: &[Capture],
     frames: &[(Frame, View)],

@@ -2,6 +2,7 @@
 
 use serde::Serialize;
 
+use crate::camera::Laser;
 use crate::frame::Channel;
 
 /// What is known beforehand.
@@ -24,7 +25,7 @@ impl Default for Options {
 }
 
 /// The rod's centre at one table angle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct RodCenter {
     /// Table angle.
     pub c_deg: f64,
@@ -35,7 +36,7 @@ pub struct RodCenter {
 }
 
 /// How one capture fits the common circle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CaptureReport {
     /// The picture.
     pub image: String,
@@ -56,7 +57,7 @@ pub struct CaptureReport {
 }
 
 /// The rod's result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// One centre a table angle.
     pub rod_centers: Vec<RodCenter>,
@@ -80,4 +81,20 @@ pub struct Report {
     pub captures: Vec<CaptureReport>,
     /// What a user should know.
     pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// Machine coordinates say where the laser axis is: what the camera axis finds at a machine position lies short of
+    /// it by the laser's offset from the camera axis (`docs/conventions.md`).
+    pub(super) fn refer_to_laser(&mut self, laser: &Laser) {
+        let u95 = laser.offset_u95_mm.unwrap_or_default();
+        let centers = self.rod_centers.iter_mut().map(|c| (&mut c.center_mm, &mut c.center_u95_mm));
+        let axis = (&mut self.axis_center_mm, &mut self.axis_center_u95_mm);
+        for (center, center_u95) in centers.chain([axis]) {
+            for k in 0..2 {
+                center[k] -= laser.offset_mm[k];
+                center_u95[k] = center_u95[k].hypot(u95[k]);
+            }
+        }
+    }
 }

@@ -29,7 +29,7 @@ pub enum Control {
 }
 
 /// How far the meaning of a parameter is confirmed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Confidence {
     /// The maker's own text says so, or the control was run with it.
@@ -39,7 +39,7 @@ pub enum Confidence {
 }
 
 /// One value for the control.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct Parameter {
     /// As the control names it.
     pub name: String,

@@ -1,0 +1,172 @@
+//! Whether a calibration still holds: a known diameter, or a mark at known machine positions, measured again.
+
+use nalgebra::{DMatrix, DVector, Vector2};
+use serde::Serialize;
+
+use crate::calib::mark;
+use crate::camera::Calibration;
+use crate::error::{Error, Result};
+use crate::fit::least_squares;
+use crate::frame::{Channel, Frame, Picture};
+use crate::measure::circles;
+use crate::measure::rod::Capture;
+use crate::uncertainty::{Verdict, k95};
+
+/// A circle of known diameter in one picture.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct DiameterReport {
+    /// The picture.
+    pub image: String,
+    /// What was measured.
+    pub diameter_mm: f64,
+    /// Measured minus known.
+    pub deviation_mm: f64,
+    /// Half-width of its 95 % interval, that of the known diameter included.
+    pub deviation_u95_mm: f64,
+    /// Whether the limit is kept.
+    pub verdict: Verdict,
+}
+
+/// Measures the object of known diameter.
+pub fn diameter(
+    picture: &Picture,
+    calibration: &Calibration,
+    known_mm: f64,
+    known_u95_mm: f64,
+    tolerance_mm: f64,
+    subject: &str,
+) -> Result<DiameterReport> {
+    let options = circles::Options { expect_mm: vec![known_mm], channel: Channel::Auto };
+    let seen = circles::measure(picture, calibration, &options, subject)?.report;
+    let Some(circle) = seen.circles.first().map(|c| &c.circle) else {
+        return Err(Error::measure(subject, "shows no such circle", "check the diameter"));
+    };
+    let deviation_mm = circle.diameter_mm - known_mm;
+    let deviation_u95_mm = circle.diameter_u95_mm.hypot(known_u95_mm);
+    Ok(DiameterReport {
+        image: subject.to_owned(),
+        diameter_mm: circle.diameter_mm,
+        deviation_mm,
+        deviation_u95_mm,
+        verdict: Verdict::of(deviation_mm.abs(), deviation_u95_mm, tolerance_mm),
+    })
+}
+
+/// How far the plane has changed, as a mark at known machine positions shows it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PlaneReport {
+    /// Pictures in which the mark was found.
+    pub captures_used: usize,
+    /// What the calibration says a length is, over what it is, minus one.
+    pub scale_error_percent: f64,
+    /// Half-width of its 95 % interval.
+    pub scale_error_u95_percent: f64,
+    /// Turn of what the calibration says against the machine.
+    pub rotation_error_deg: f64,
+    /// Half-width of its 95 % interval.
+    pub rotation_error_u95_deg: f64,
+    /// Largest error of a place in the frame, seen from the camera axis.
+    pub field_error_mm: f64,
+    /// Half-width of its 95 % interval.
+    pub field_error_u95_mm: f64,
+    /// Root mean square of the residuals that scale, turn and shear do not explain.
+    pub residual_rms_mm: f64,
+    /// Whether `field_error_mm` keeps the limit.
+    pub verdict: Verdict,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// Compares the calibration with the machine: `H(p) + P` is the mark's place for every capture, if it holds. An affine
+/// error of `H` is fitted to what differs.
+pub fn plane(
+    captures: &[Capture],
+    calibration: &Calibration,
+    tolerance_mm: f64,
+) -> Result<PlaneReport> {
+    let frames = captures
+        .iter()
+        .map(|c| Ok(Picture::read(&c.path)?.into_frame(Channel::Auto)))
+        .collect::<Result<Vec<Frame>>>()?;
+    let (w, h) = (frames[0].width(), frames[0].height());
+    let views = frames
+        .iter()
+        .map(|f| calibration.view(f.width(), f.height()))
+        .collect::<Result<Vec<_>>>()?;
+    let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
+    let sightings = mark::find(&frames, &positions);
+    let seen: Vec<(Vector2<f64>, Vector2<f64>)> = sightings
+        .iter()
+        .enumerate()
+        .filter_map(|(i, s)| Some((views[i].to_plane((*s)?.pixel), positions[i])))
+        .collect();
+    let few = || {
+        Error::measure(
+            "captures",
+            format!("the mark was found in {} of {} pictures", seen.len(), captures.len()),
+            "photograph one clear mark from five machine positions or more, spread in X and Y",
+        )
+    };
+    if seen.len() < 4 {
+        return Err(few());
+    }
+    // H(p) = (1 + E)(M - P): regress p + P on 1 and p, to first order in E.
+    let rows = 2 * seen.len();
+    let design = DMatrix::from_fn(rows, 6, |r, c| {
+        let p = seen[r / 2].0;
+        let own = [[1.0, 0.0, p.x, p.y, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, p.x, p.y]];
+        own[r % 2][c]
+    });
+    let y = DVector::from_fn(rows, |r, _| (seen[r / 2].0 + seen[r / 2].1)[r % 2]);
+    let (inverse, rank) = least_squares::covariance(&design, 1e-7);
+    if rank < 6 {
+        return Err(few());
+    }
+    let beta = &inverse * design.tr_mul(&y);
+    let dof = (rows - 6) as f64;
+    let squares = (&y - &design * &beta).norm_squared();
+    let factor = k95(dof) * (squares / dof).sqrt();
+    let combine = |weights: [f64; 4]| {
+        let g = DVector::from_fn(6, |i, _| if i < 2 { 0.0 } else { weights[i - 2] });
+        (g.dot(&beta), factor * g.dot(&(&inverse * &g)).max(0.0).sqrt())
+    };
+    let (scale, scale_u) = combine([0.5, 0.0, 0.0, 0.5]);
+    let (turn, turn_u) = combine([0.0, -0.5, 0.5, 0.0]);
+    let (right, low) = (w as f64 - 1.0, h as f64 - 1.0);
+    let (field_error_mm, field_error_u95_mm) = [(0.0, 0.0), (right, 0.0), (0.0, low), (right, low)]
+        .iter()
+        .map(|&(u, v)| views[0].to_plane(Vector2::new(u, v)))
+        .map(|q| {
+            let (x, ux) = combine([q.x, q.y, 0.0, 0.0]);
+            let (y, uy) = combine([0.0, 0.0, q.x, q.y]);
+            (x.hypot(y), ux.hypot(uy))
+        })
+        .fold((0.0, 0.0), |m: (f64, f64), e| if e.0 > m.0 { e } else { m });
+    let lost = captures.len() - seen.len();
+    let warnings = if lost > 0 {
+        vec![format!("the mark was not found in {lost} pictures")]
+    } else {
+        Vec::new()
+    };
+    Ok(PlaneReport {
+        captures_used: seen.len(),
+        scale_error_percent: 100.0 * scale,
+        scale_error_u95_percent: 100.0 * scale_u,
+        rotation_error_deg: turn.to_degrees(),
+        rotation_error_u95_deg: turn_u.to_degrees(),
+        field_error_mm,
+        field_error_u95_mm,
+        residual_rms_mm: (squares / seen.len() as f64).sqrt(),
+        verdict: Verdict::of(field_error_mm, field_error_u95_mm, tolerance_mm),
+        warnings,
+    })
+}
+
+/// The verdict on all of several.
+pub fn overall(verdicts: impl Iterator<Item = Verdict>) -> Verdict {
+    verdicts.fold(Verdict::Pass, |all, v| match (all, v) {
+        (Verdict::Fail, _) | (_, Verdict::Fail) => Verdict::Fail,
+        (Verdict::Undecided, _) | (_, Verdict::Undecided) => Verdict::Undecided,
+        _ => Verdict::Pass,
+    })
+}

@@ -1,0 +1,149 @@
+//! Where the laser axis is, seen from the camera axis: burns shot at one machine position and photographed at another.
+//!
+//! Machine coordinates say where the laser axis is over the table. A burn shot at `P_b` therefore lies at `P_b`; photographed
+//! from `P` it is seen at the plane offset `p` from the camera axis, which then is at `P_b - p`. The laser axis is at
+//! `P`, so seen from the camera axis it lies at `offset = P - (P_b - p) = P + p - P_b`. The other way round, whatever is seen
+//! at `p` from machine position `P` lies at the machine position `P + p - offset` ([`machine_mm`]).
+
+use std::path::{Path, PathBuf};
+
+use nalgebra::Vector2;
+use serde::Serialize;
+
+use crate::camera::{Calibration, Laser};
+use crate::error::{Error, Result};
+use crate::frame::Picture;
+use crate::measure::circles;
+use crate::table::Table;
+use crate::uncertainty::k95;
+
+/// One burn and its picture.
+#[derive(Debug, Clone)]
+pub struct Shot {
+    /// The picture as written in the table.
+    pub image: String,
+    /// Where it is.
+    pub path: PathBuf,
+    /// Machine X and Y at which the laser fired.
+    pub burnt_mm: Vector2<f64>,
+    /// Machine X and Y at which the picture was taken.
+    pub position_mm: Vector2<f64>,
+}
+
+/// One burn's share of the result.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ShotReport {
+    /// The picture.
+    pub image: String,
+    /// The burn's centre in the plane.
+    pub center_mm: [f64; 2],
+    /// Half-widths of its 95 % intervals.
+    pub center_u95_mm: [f64; 2],
+    /// The offset that this burn alone gives.
+    pub offset_mm: [f64; 2],
+    /// That minus the result.
+    pub residual_mm: [f64; 2],
+}
+
+/// The offset and what it rests on.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Laser axis seen from the camera axis, on the plane.
+    pub offset_mm: [f64; 2],
+    /// Half-widths of its 95 % intervals.
+    pub offset_u95_mm: [f64; 2],
+    /// Every burn.
+    pub burns: Vec<ShotReport>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+impl Report {
+    /// As it stands in a calibration file.
+    pub fn laser(&self) -> Laser {
+        Laser { offset_mm: self.offset_mm, offset_u95_mm: Some(self.offset_u95_mm) }
+    }
+}
+
+/// The machine position of what is seen at `plane_mm` from machine position `position_mm`: the laser fires there when
+/// the machine is driven to it.
+pub fn machine_mm(
+    position_mm: Vector2<f64>,
+    plane_mm: Vector2<f64>,
+    laser: Option<&Laser>,
+) -> Vector2<f64> {
+    position_mm + plane_mm - laser.map_or_else(Vector2::zeros, |l| l.offset_mm.into())
+}
+
+/// Reads `BURNS.csv`: `image,burn_x_mm,burn_y_mm,x_mm,y_mm`.
+pub fn read(path: impl AsRef<Path>) -> Result<Vec<Shot>> {
+    let path = path.as_ref();
+    let table = Table::read(path, &["image", "burn_x_mm", "burn_y_mm", "x_mm", "y_mm"], &[])?;
+    let folder = path.parent().unwrap_or(Path::new(""));
+    (0..table.rows())
+        .map(|row| {
+            let image = table.text(row, "image").to_owned();
+            if image.is_empty() {
+                return Err(table.error(row, "image", "is empty", "name the burn's picture"));
+            }
+            let pair = |x: &str, y: &str| -> Result<Vector2<f64>> {
+                Ok(Vector2::new(table.number(row, x)?, table.number(row, y)?))
+            };
+            Ok(Shot {
+                path: folder.join(&image),
+                image,
+                burnt_mm: pair("burn_x_mm", "burn_y_mm")?,
+                position_mm: pair("x_mm", "y_mm")?,
+            })
+        })
+        .collect()
+}
+
+/// Measures every burn and averages what they say. `diameter_mm` is about that of the burns.
+pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) -> Result<Report> {
+    let options = circles::Options { expect_mm: vec![diameter_mm], channel: Default::default() };
+    circles::check(&options)?;
+    let mut burns = Vec::new();
+    for shot in shots {
+        let subject = shot.path.display().to_string();
+        let picture = Picture::read(&shot.path)?;
+        let seen = circles::measure(&picture, calibration, &options, &subject)?.report;
+        let Some(circle) = seen.circles.first().map(|c| &c.circle) else { continue };
+        let offset = shot.position_mm + Vector2::from(circle.center_mm) - shot.burnt_mm;
+        burns.push(ShotReport {
+            image: shot.image.clone(),
+            center_mm: circle.center_mm,
+            center_u95_mm: circle.center_u95_mm,
+            offset_mm: offset.into(),
+            residual_mm: [0.0; 2],
+        });
+    }
+    average(burns)
+}
+
+/// The mean of the burns' offsets. Its uncertainty is what the burns' scatter says (the machine's repeatability is in
+/// it), but no less than that of their centres.
+fn average(mut burns: Vec<ShotReport>) -> Result<Report> {
+    let n = burns.len() as f64;
+    if burns.is_empty() {
+        return Err(Error::measure("burns", "there are none", "give at least one burn"));
+    }
+    let mut warnings = Vec::new();
+    let offset_mm = [0, 1].map(|k| burns.iter().map(|b| b.offset_mm[k]).sum::<f64>() / n);
+    let offset_u95_mm = [0, 1].map(|k| {
+        let measured = burns.iter().map(|b| b.center_u95_mm[k].powi(2)).sum::<f64>().sqrt() / n;
+        let squares: f64 = burns.iter().map(|b| (b.offset_mm[k] - offset_mm[k]).powi(2)).sum();
+        let scatter = if n > 1.0 { k95(n - 1.0) * (squares / (n - 1.0) / n).sqrt() } else { 0.0 };
+        measured.max(scatter)
+    });
+    for b in &mut burns {
+        b.residual_mm = [0, 1].map(|k| b.offset_mm[k] - offset_mm[k]);
+    }
+    if burns.len() < 3 {
+        warnings.push(format!(
+            "{} only: the machine's own scatter is hardly known; shoot three burns or more",
+            if burns.len() == 1 { "one burn" } else { "two burns" }
+        ));
+    }
+    Ok(Report { offset_mm, offset_u95_mm, burns, warnings })
+}

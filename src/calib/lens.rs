@@ -1,0 +1,457 @@
+//! The lens from pictures of a target: which views count, how well they agree, and what they leave undetermined.
+
+use std::path::PathBuf;
+
+use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
+use rayon::prelude::*;
+use serde::Serialize;
+
+use crate::calib::target::Target;
+use crate::camera::Lens;
+use crate::cv::{self, BoardView, Distortion, LensFit};
+use crate::error::{Error, Result};
+use crate::frame::{Channel, Gray, Picture};
+use crate::uncertainty::K95;
+
+/// Fewest views that determine a lens; Zhang's method needs three.
+const LEAST_VIEWS: usize = 3;
+/// Fewest points of a view that is used.
+const LEAST_POINTS: usize = 8;
+/// A view whose residuals are this many times the other views' is bad.
+const BAD_VIEW: f64 = 3.0;
+/// Residuals below this are never bad, px.
+const GOOD_PX: f64 = 0.1;
+/// Cells across and down in which coverage is counted.
+pub const CELLS: (usize, usize) = (8, 6);
+/// The names of the numbers found, in OpenCV's order.
+const NAMES: [&str; 9] = ["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"];
+
+/// How one picture fared.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ViewReport {
+    /// The picture.
+    pub image: String,
+    /// Target points found.
+    pub points: usize,
+    /// Root mean square of the points' distances from where the lens should see them; null where nothing was found.
+    pub rms_px: Option<f64>,
+    /// The largest of these distances.
+    pub worst_px: Option<f64>,
+    /// Angle between the target's face and the camera axis' normal plane.
+    pub tilt_deg: Option<f64>,
+    /// Whether the lens rests on this view.
+    pub used: bool,
+    /// Why not.
+    pub rejected: Option<String>,
+}
+
+/// One number of the lens.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Parameter {
+    /// As in the calibration file; k1..k3, p1, p2 are its distortion.
+    pub name: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// Half-width of its 95 % interval; null where it was held at zero.
+    pub u95: Option<f64>,
+}
+
+/// The lens and what is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Frame width.
+    pub width_px: u32,
+    /// Frame height.
+    pub height_px: u32,
+    /// The numbers found.
+    pub parameters: Vec<Parameter>,
+    /// Root mean square of all used points' distances.
+    pub rms_px: f64,
+    /// Share of the frame's cells in which points were seen.
+    pub coverage: f64,
+    /// Every picture.
+    pub views: Vec<ViewReport>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// A point as it was seen, for the coverage picture.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen {
+    /// Index of the view.
+    pub view: usize,
+    /// Its place.
+    pub pixel: Vector2<f64>,
+    /// Seen minus expected.
+    pub residual_px: Vector2<f64>,
+}
+
+/// The report, the lens and the points.
+#[derive(Debug, Clone)]
+pub struct Calibrated {
+    /// The report.
+    pub report: Report,
+    /// The lens.
+    pub lens: Lens,
+    /// All points of used views.
+    pub seen: Vec<Seen>,
+}
+
+/// Calibrates from pictures of the target.
+pub fn calibrate(
+    images: &[PathBuf],
+    target: &Target,
+    distortion: Distortion,
+) -> Result<Calibrated> {
+    type View = ((u32, u32), Option<BoardView>);
+    let views: Vec<Result<View>> = images
+        .par_iter()
+        .map(|path| {
+            let gray = Picture::read(path)?.into_frame(Channel::Auto).to_eight();
+            Ok(((gray.width as u32, gray.height as u32), look(&gray, target)?))
+        })
+        .collect();
+    let size = views
+        .iter()
+        .flatten()
+        .find(|v| v.1.is_some())
+        .map(|v| v.0)
+        .ok_or_else(|| nothing(images, target, views.iter().find_map(|v| v.as_ref().err())))?;
+    let mut found = Vec::new();
+    let mut rejected: Vec<Option<String>> = vec![None; images.len()];
+    for (i, view) in views.into_iter().enumerate() {
+        match view {
+            Err(e) => rejected[i] = Some(e.to_string()),
+            Ok((_, None)) => rejected[i] = Some("the target was not found".into()),
+            Ok((own, Some(_))) if own != size => {
+                rejected[i] = Some(format!(
+                    "has {}×{} px where the others have {}×{} px",
+                    own.0, own.1, size.0, size.1
+                ));
+            }
+            Ok((_, Some(v))) if v.pixels.len() < LEAST_POINTS => {
+                rejected[i] = Some(format!("only {} points were found", v.pixels.len()));
+            }
+            Ok((_, Some(v))) => found.push((i, v)),
+        }
+    }
+    let names: Vec<String> = images.iter().map(|p| p.display().to_string()).collect();
+    from_views(&names, found, rejected, size, distortion)
+}
+
+fn look(gray: &Gray<u8>, target: &Target) -> Result<Option<BoardView>> {
+    let places = target.points_mm();
+    Ok(cv::detect(gray, target)?.map(|d| BoardView {
+        board_mm: d.ids.iter().filter_map(|&i| places.get(i)).copied().collect(),
+        pixels: d.pixels,
+    }))
+}
+
+fn nothing(images: &[PathBuf], target: &Target, first: Option<&Error>) -> Error {
+    // A reason that holds for every picture (OpenCV is missing) is the reason.
+    match first {
+        Some(Error::Option { option, reason, fix }) => {
+            Error::option(option.clone(), reason.clone(), fix.clone())
+        }
+        _ => Error::measure(
+            format!("{} pictures", images.len()),
+            format!("none shows the whole of {target}"),
+            "check the target's kind and its columns and rows (squares, not inner corners, for chessboards)",
+        ),
+    }
+}
+
+/// As [`calibrate`], from points already found; `found` has the views with their pictures' indices.
+pub fn from_views(
+    names: &[String],
+    mut found: Vec<(usize, BoardView)>,
+    mut rejected: Vec<Option<String>>,
+    size: (u32, u32),
+    distortion: Distortion,
+) -> Result<Calibrated> {
+    let total = found.len();
+    let mut spent = Vec::new();
+    let (fit, residuals) = loop {
+        if found.len() < LEAST_VIEWS {
+            return Err(Error::measure(
+                format!("{} pictures", names.len()),
+                format!("only {} agree on a lens, of {total} that show the target", found.len()),
+                "give ten or more pictures of the target, tilted in different directions",
+            ));
+        }
+        let views: Vec<BoardView> = found.iter().map(|f| f.1.clone()).collect();
+        let fit = cv::calibrate(&views, size, distortion)?;
+        let residuals: Vec<Vec<Vector2<f64>>> =
+            views.iter().zip(&fit.poses).map(|(v, p)| v.residuals(&fit.lens, p)).collect();
+        let each: Vec<f64> = residuals.iter().map(|r| rms(r)).collect();
+        let mut sorted = each.clone();
+        sorted.sort_by(f64::total_cmp);
+        let middle = sorted[(sorted.len() - 1) / 2];
+        let worst = (0..each.len()).max_by(|&a, &b| each[a].total_cmp(&each[b])).unwrap_or(0);
+        if each[worst] < (BAD_VIEW * middle).max(GOOD_PX) || found.len() == LEAST_VIEWS {
+            break (fit, residuals);
+        }
+        let (index, view) = found.remove(worst);
+        rejected[index] = Some(format!(
+            "its points miss by {:.2} px rms, {:.1} times as much as the others'",
+            each[worst],
+            each[worst] / middle
+        ));
+        spent.push((index, view.pixels.len(), each[worst]));
+    };
+    Ok(report(names, &found, &rejected, &spent, size, &fit, &residuals, distortion))
+}
+
+impl BoardView {
+    /// Seen minus expected, for each point.
+    pub fn residuals(&self, lens: &Lens, pose: &cv::Pose) -> Vec<Vector2<f64>> {
+        let camera = lens.normalised();
+        self.board_mm
+            .iter()
+            .zip(&self.pixels)
+            .map(|(b, seen)| {
+                let p = pose.turn * Vector3::new(b.x, b.y, 0.0) + pose.shift_mm;
+                seen - camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z))
+            })
+            .collect()
+    }
+}
+
+fn rms(residuals: &[Vector2<f64>]) -> f64 {
+    let squares: f64 = residuals.iter().map(Vector2::norm_squared).sum();
+    (squares / residuals.len().max(1) as f64).sqrt()
+}
+
+#[allow(clippy::too_many_arguments)]
+fn report(
+    names: &[String],
+    found: &[(usize, BoardView)],
+    rejected: &[Option<String>],
+    spent: &[(usize, usize, f64)],
+    size: (u32, u32),
+    fit: &LensFit,
+    residuals: &[Vec<Vector2<f64>>],
+    distortion: Distortion,
+) -> Calibrated {
+    let mut views: Vec<ViewReport> = names
+        .iter()
+        .zip(rejected)
+        .map(|(image, rejected)| ViewReport {
+            image: image.clone(),
+            points: 0,
+            rms_px: None,
+            worst_px: None,
+            tilt_deg: None,
+            used: false,
+            rejected: rejected.clone(),
+        })
+        .collect();
+    for &(i, points, rms_px) in spent {
+        (views[i].points, views[i].rms_px) = (points, Some(rms_px));
+    }
+    let mut seen = Vec::new();
+    for (k, ((i, view), residuals)) in found.iter().zip(residuals).enumerate() {
+        let report = &mut views[*i];
+        report.used = true;
+        report.points = view.pixels.len();
+        report.rms_px = Some(rms(residuals));
+        report.worst_px = Some(residuals.iter().map(Vector2::norm).fold(0.0, f64::max));
+        let facing = fit.poses[k].turn.matrix()[(2, 2)].abs().min(1.0);
+        report.tilt_deg = Some(facing.acos().to_degrees());
+        seen.extend(view.pixels.iter().zip(residuals).map(|(&pixel, &residual_px)| Seen {
+            view: *i,
+            pixel,
+            residual_px,
+        }));
+    }
+    let l = &fit.lens;
+    let values = [l.fx_px, l.fy_px, l.cx_px, l.cy_px].into_iter().chain(l.distortion);
+    let parameters: Vec<Parameter> = NAMES
+        .into_iter()
+        .zip(values)
+        .zip(uncertainties(found, fit, residuals, distortion.free()))
+        .map(|((name, value), u)| Parameter { name, value, u95: u.map(|u| K95 * u) })
+        .collect();
+    let all: Vec<Vector2<f64>> = seen.iter().map(|s| s.residual_px).collect();
+    let coverage = coverage(&seen, size);
+    let warnings = doubts(&views, &parameters, &seen, coverage, l, distortion);
+    Calibrated {
+        report: Report {
+            width_px: size.0,
+            height_px: size.1,
+            parameters,
+            rms_px: rms(&all),
+            coverage,
+            views,
+            warnings,
+        },
+        lens: l.clone(),
+        seen,
+    }
+}
+
+/// Standard uncertainties of the free numbers of the lens, the views' poses being unknown too. (OpenCV's own divide the
+/// sum of squares by the number of points, not by that of coordinates, and are about 1.4 times too large.)
+fn uncertainties(
+    found: &[(usize, BoardView)],
+    fit: &LensFit,
+    residuals: &[Vec<Vector2<f64>>],
+    free: [bool; 9],
+) -> [Option<f64>; 9] {
+    let mut normal = SMatrix::<f64, 9, 9>::zeros();
+    let (mut squares, mut dof) = (0.0, -(free.iter().filter(|f| **f).count() as f64));
+    for (((_, view), pose), residuals) in found.iter().zip(&fit.poses).zip(residuals) {
+        squares += residuals.iter().map(Vector2::norm_squared).sum::<f64>();
+        dof += 2.0 * residuals.len() as f64 - 6.0;
+        let lens: Vec<Vec<Vector2<f64>>> = (0..9)
+            .map(|i| slope(|by| view.residuals(&nudged(&fit.lens, i, by), pose), 1e-5))
+            .collect();
+        let own: Vec<Vec<Vector2<f64>>> = (0..6)
+            .map(|i| slope(|by| view.residuals(&fit.lens, &moved(pose, i, by)), 1e-5))
+            .collect();
+        let mut ll = SMatrix::<f64, 9, 9>::zeros();
+        let mut lo = SMatrix::<f64, 9, 6>::zeros();
+        let mut oo = SMatrix::<f64, 6, 6>::zeros();
+        for k in 0..residuals.len() {
+            let a = SMatrix::<f64, 9, 2>::from_fn(|i, c| if free[i] { lens[i][k][c] } else { 0.0 });
+            let b = SMatrix::<f64, 6, 2>::from_fn(|i, c| own[i][k][c]);
+            ll += a * a.transpose();
+            lo += a * b.transpose();
+            oo += b * b.transpose();
+        }
+        let Some(inverse) = oo.try_inverse() else { continue };
+        normal += ll - lo * inverse * lo.transpose();
+    }
+    // Scaled to a unit diagonal before it is inverted; numbers held at zero stand alone.
+    let scale: [f64; 9] =
+        std::array::from_fn(|i| if free[i] { normal[(i, i)].max(0.0).sqrt() } else { 0.0 });
+    let mut scaled = SMatrix::<f64, 9, 9>::identity();
+    for i in (0..9).filter(|&i| scale[i] > 0.0) {
+        for j in (0..9).filter(|&j| scale[j] > 0.0) {
+            scaled[(i, j)] = normal[(i, j)] / (scale[i] * scale[j]);
+        }
+    }
+    let inverse = scaled.try_inverse();
+    std::array::from_fn(|i| {
+        let known = inverse.filter(|_| scale[i] > 0.0 && dof > 0.0);
+        let variance = known.map(|c| c[(i, i)].max(0.0) / scale[i].powi(2) * squares / dof);
+        free[i].then(|| variance.map_or(f64::INFINITY, f64::sqrt))
+    })
+}
+
+/// Central differences.
+fn slope(f: impl Fn(f64) -> Vec<Vector2<f64>>, step: f64) -> Vec<Vector2<f64>> {
+    f(step).iter().zip(f(-step)).map(|(a, b)| (a - b) / (2.0 * step)).collect()
+}
+
+/// The lens with one of its nine numbers changed.
+fn nudged(lens: &Lens, which: usize, by: f64) -> Lens {
+    let mut lens = lens.clone();
+    match which {
+        0 => lens.fx_px += by,
+        1 => lens.fy_px += by,
+        2 => lens.cx_px += by,
+        3 => lens.cy_px += by,
+        k => lens.distortion[k - 4] += by,
+    }
+    lens
+}
+
+/// The pose turned or shifted a little.
+fn moved(pose: &cv::Pose, which: usize, by: f64) -> cv::Pose {
+    let mut step = Vector3::zeros();
+    step[which % 3] = by;
+    if which < 3 {
+        cv::Pose { turn: Rotation3::new(step) * pose.turn, ..*pose }
+    } else {
+        cv::Pose { shift_mm: pose.shift_mm + step, ..*pose }
+    }
+}
+
+fn coverage(seen: &[Seen], size: (u32, u32)) -> f64 {
+    let mut cells = vec![false; CELLS.0 * CELLS.1];
+    for s in seen {
+        let share = |p: f64, side: u32, n: usize| {
+            ((p + 0.5) / f64::from(side) * n as f64).clamp(0.0, n as f64 - 1.0) as usize
+        };
+        cells[share(s.pixel.y, size.1, CELLS.1) * CELLS.0 + share(s.pixel.x, size.0, CELLS.0)] =
+            true;
+    }
+    cells.iter().filter(|c| **c).count() as f64 / cells.len() as f64
+}
+
+/// What the pictures do not determine, and which pictures would.
+fn doubts(
+    views: &[ViewReport],
+    parameters: &[Parameter],
+    seen: &[Seen],
+    coverage: f64,
+    lens: &Lens,
+    distortion: Distortion,
+) -> Vec<String> {
+    let mut warnings: Vec<String> = views
+        .iter()
+        .filter_map(|v| Some(format!("{}: left out: {}", v.image, v.rejected.as_ref()?)))
+        .collect();
+    let used = views.iter().filter(|v| v.used).count();
+    if used < 8 {
+        warnings.push(format!("only {used} views: take ten or more"));
+    }
+    let tilts = || views.iter().filter_map(|v| v.tilt_deg);
+    let steepest = tilts().fold(0.0, f64::max);
+    if steepest < 12.0 {
+        warnings.push(format!(
+            "no view is tilted by more than {steepest:.0}°: the focal length and the principal point are not determined; tilt the target by 20° to 40° in different directions"
+        ));
+    }
+    let camera = lens.normalised();
+    let corners = [
+        Vector2::new(0.0, 0.0),
+        Vector2::new(f64::from(lens.width_px) - 1.0, 0.0),
+        Vector2::new(0.0, f64::from(lens.height_px) - 1.0),
+        Vector2::new(f64::from(lens.width_px) - 1.0, f64::from(lens.height_px) - 1.0),
+    ];
+    let radius = |p: Vector2<f64>| camera.to_plane(p).norm();
+    let far = corners.iter().map(|&c| radius(c)).fold(0.0, f64::max);
+    let reached = seen.iter().map(|s| radius(s.pixel)).fold(0.0, f64::max);
+    if coverage < 0.7 || reached < 0.8 * far {
+        warnings.push(format!(
+            "the target was seen in {:.0} % of the frame and out to {:.0} % of its corners: beyond, the distortion is extrapolated; move the target into the corners",
+            100.0 * coverage,
+            100.0 * reached / far
+        ));
+    }
+    for p in parameters {
+        let Some(u95) = p.u95 else { continue };
+        // What the uncertainty amounts to where it matters most.
+        let (limit, effect_px) = match p.name {
+            "fx_px" | "fy_px" => (0.005 * p.value, u95),
+            "cx_px" => (0.01 * f64::from(lens.width_px), u95),
+            "cy_px" => (0.01 * f64::from(lens.height_px), u95),
+            name => {
+                let power = match name {
+                    "k1" => 3,
+                    "k2" => 5,
+                    "k3" => 7,
+                    _ => 2,
+                };
+                // As far out as the points reach: beyond that the warning above holds.
+                (0.5, u95 * reached.powi(power) * lens.fx_px)
+            }
+        };
+        if effect_px > limit {
+            warnings.push(format!(
+                "{} is hardly determined: {:.4} ± {:.4}; tilt the target more and fill the frame{}",
+                p.name,
+                p.value,
+                u95,
+                if p.name == "k3" && distortion == Distortion::Full {
+                    ", or hold it at zero with --distortion decentred"
+                } else {
+                    ""
+                }
+            ));
+        }
+    }
+    warnings
+}

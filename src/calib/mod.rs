@@ -1,0 +1,9 @@
+//! Calibrating: the measuring plane and the laser with the machine as the ruler, targets and lenses, and whether a
+//! calibration still holds.
+
+pub mod check;
+pub mod laser;
+pub mod lens;
+pub mod mark;
+pub mod plane;
+pub mod target;

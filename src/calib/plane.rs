@@ -1,0 +1,476 @@
+//! Pixel → machine mm with the machine as the ruler: one mark, photographed from known machine positions.
+//!
+//! A mark at the machine place M is seen, with the machine at P, at the plane offset `M - P` from the camera axis. With
+//! `p` its undistorted normalised image, `H·p = M - P`. The camera axis is where the lens' principal point looks, so
+//! `H` maps 0 to 0: six numbers (scale, turn, tilt about two axes, aspect and shear) and M's two, found by least
+//! squares from five positions or more.
+
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2};
+use serde::Serialize;
+
+use crate::calib::mark::{self, Sighting};
+use crate::camera::{Calibration, Lens, Mapping};
+use crate::error::{Error, Result};
+use crate::fit::least_squares;
+use crate::frame::{Channel, Frame, Picture};
+use crate::measure::rod::Capture;
+use crate::uncertainty::k95;
+
+/// Fewest positions: four would determine the mapping, one more checks it.
+pub const LEAST_POSITIONS: usize = 5;
+/// A picture whose removal shrinks the residuals by this factor shows something else than the mark.
+const ODD_ONE_OUT: f64 = 5.0;
+
+/// How the camera is mounted, as far as the picture and the positions say.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Orientation {
+    /// The picture's u axis points within 45° of machine X.
+    Upright,
+    /// It points elsewhere.
+    Turned,
+    /// The picture is a mirror image of the machine's plane.
+    Mirrored,
+}
+
+/// How one capture fits.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct CaptureReport {
+    /// The picture.
+    pub image: String,
+    /// Machine X.
+    pub x_mm: f64,
+    /// Machine Y.
+    pub y_mm: f64,
+    /// The mark's place in the picture; null where it was not found.
+    pub mark_px: Option<[f64; 2]>,
+    /// Where the mapping sees the mark minus where the machine says it is.
+    pub residual_mm: Option<[f64; 2]>,
+    /// Whether the mapping rests on this capture.
+    pub used: bool,
+}
+
+/// The plane's mapping and what is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Size of a pixel in the plane where the camera axis meets it.
+    pub mm_per_px: f64,
+    /// Half-width of its 95 % interval.
+    pub mm_per_px_u95: f64,
+    /// Direction of the picture's u axis in the plane, counter-clockwise from machine X.
+    pub rotation_deg: f64,
+    /// Half-width of its 95 % interval.
+    pub rotation_u95_deg: f64,
+    /// Tilt of the plane about the camera's u and v axes; null without a lens file.
+    pub tilt_deg: Option<[f64; 2]>,
+    /// Half-widths of their 95 % intervals.
+    pub tilt_u95_deg: Option<[f64; 2]>,
+    /// Height over width of a pixel in the plane, minus one.
+    pub aspect: f64,
+    /// Half-width of its 95 % interval.
+    pub aspect_u95: f64,
+    /// Departure of the pixel's sides from a right angle.
+    pub shear_deg: f64,
+    /// Half-width of its 95 % interval.
+    pub shear_u95_deg: f64,
+    /// How the camera is mounted.
+    pub orientation: Orientation,
+    /// Root mean square of the residuals' lengths.
+    pub residual_rms_mm: f64,
+    /// Largest half-width of the 95 % interval of a place in the frame, seen from the camera axis.
+    pub field_u95_mm: f64,
+    /// Undistorted normalised image → plane.
+    pub homography_mm: [[f64; 3]; 3],
+    /// Every capture.
+    pub captures: Vec<CaptureReport>,
+    /// What a user should know.
+    pub warnings: Vec<String>,
+}
+
+/// The report and the calibration that it describes.
+#[derive(Debug, Clone)]
+pub struct Calibrated {
+    /// The report.
+    pub report: Report,
+    /// Lens and plane.
+    pub calibration: Calibration,
+}
+
+/// Calibrates from the captures' pictures. Without a `lens` the camera is taken as free of distortion.
+pub fn calibrate(captures: &[Capture], lens: Option<&Lens>) -> Result<Calibrated> {
+    enough(captures)?;
+    let frames = captures
+        .iter()
+        .map(|c| Ok(Picture::read(&c.path)?.into_frame(Channel::Auto)))
+        .collect::<Result<Vec<Frame>>>()?;
+    let (w, h) = (frames[0].width(), frames[0].height());
+    let known = lens.map_or((w, h), |l| (l.width_px as usize, l.height_px as usize));
+    if let Some((c, f)) =
+        captures.iter().zip(&frames).find(|(_, f)| (f.width(), f.height()) != known)
+    {
+        return Err(Error::file(
+            &c.path,
+            format!(
+                "has {}×{} px where {} has {}×{} px",
+                f.width(),
+                f.height(),
+                if lens.is_some() { "the lens" } else { "the first picture" },
+                known.0,
+                known.1
+            ),
+            "use pictures of one camera at one resolution, and its own lens file",
+        ));
+    }
+    let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
+    let sightings = mark::find(&frames, &positions);
+    from_sightings(
+        captures,
+        &sightings,
+        &lens.cloned().unwrap_or_else(|| ideal(w, h)),
+        lens.is_some(),
+    )
+}
+
+fn enough(captures: &[Capture]) -> Result<()> {
+    let mut places: Vec<Vector2<f64>> = Vec::new();
+    for c in captures {
+        if places.iter().all(|p| (p - c.position_mm).norm() > 1e-6) {
+            places.push(c.position_mm);
+        }
+    }
+    if places.len() < LEAST_POSITIONS {
+        return Err(Error::measure(
+            "captures",
+            format!("only {} different machine positions", places.len()),
+            format!(
+                "photograph the mark from at least {LEAST_POSITIONS}, spread over the frame in X and Y"
+            ),
+        ));
+    }
+    Ok(())
+}
+
+/// A lens without distortion for a camera of which only the frame's size is known. Its focal length is a mere unit.
+fn ideal(width: usize, height: usize) -> Lens {
+    let focal = width.max(height) as f64;
+    Lens {
+        width_px: width as u32,
+        height_px: height as u32,
+        fx_px: focal,
+        fy_px: focal,
+        cx_px: (width as f64 - 1.0) / 2.0,
+        cy_px: (height as f64 - 1.0) / 2.0,
+        distortion: [0.0; 5],
+    }
+}
+
+/// As [`calibrate`], from the mark's places. `known_lens` says whether the lens' focal length means anything.
+pub fn from_sightings(
+    captures: &[Capture],
+    sightings: &[Option<Sighting>],
+    lens: &Lens,
+    known_lens: bool,
+) -> Result<Calibrated> {
+    let normal = lens.normalised();
+    let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
+    let mut warnings = Vec::new();
+    for i in (0..captures.len()).filter(|i| !used.contains(i)) {
+        warnings.push(format!("{}: left out, the mark is not where the other captures say (position mistyped, or not in the picture?)", captures[i].image));
+    }
+    let place = |i: usize| {
+        let pixel = sightings[i].map_or_else(Vector2::zeros, |s| s.pixel);
+        (normal.to_plane(pixel), captures[i].position_mm)
+    };
+    let mut fit = solve(&used, &place)?;
+    while used.len() > LEAST_POSITIONS + 1 {
+        let without = |i: usize| -> Option<Fit> {
+            let rest: Vec<usize> = used.iter().copied().filter(|&j| j != i).collect();
+            solve(&rest, &place).ok()
+        };
+        let best = used
+            .iter()
+            .filter_map(|&i| Some((i, without(i)?)))
+            .min_by(|a, b| a.1.variance.total_cmp(&b.1.variance));
+        match best {
+            Some((i, better)) if better.variance < fit.variance / ODD_ONE_OUT.powi(2) => {
+                warnings.push(format!(
+                    "{}: left out, it does not fit the others (position mistyped, or not the mark?)",
+                    captures[i].image
+                ));
+                used.retain(|&j| j != i);
+                fit = better;
+            }
+            _ => break,
+        }
+    }
+    let report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
+    let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm: fit.homography() };
+    Ok(Calibrated {
+        calibration: Calibration { name: String::new(), mapping, laser: None },
+        report,
+    })
+}
+
+/// H's first two rows and columns, its last row's first two, and M.
+struct Fit {
+    p: DVector<f64>,
+    /// For residuals of unit variance.
+    covariance: DMatrix<f64>,
+    variance: f64,
+    dof: f64,
+}
+
+impl Fit {
+    fn homography(&self) -> Matrix3<f64> {
+        homography(&self.p)
+    }
+
+    /// Value and half-width of the 95 % interval of a function of the parameters.
+    fn value(&self, f: impl Fn(&DVector<f64>) -> f64) -> (f64, f64) {
+        let at = f(&self.p);
+        let gradient = DVector::from_fn(self.p.len(), |i, _| {
+            let step = 1e-3 * self.covariance[(i, i)].sqrt().max(1e-12);
+            let moved = |by: f64| {
+                let mut p = self.p.clone();
+                p[i] += by;
+                f(&p)
+            };
+            (moved(step) - moved(-step)) / (2.0 * step)
+        });
+        let variance = self.variance * gradient.dot(&(&self.covariance * &gradient));
+        (at, k95(self.dof) * variance.max(0.0).sqrt())
+    }
+}
+
+fn homography(p: &DVector<f64>) -> Matrix3<f64> {
+    Matrix3::new(p[0], p[1], 0.0, p[2], p[3], 0.0, p[4], p[5], 1.0)
+}
+
+fn map(p: &DVector<f64>, q: Vector2<f64>) -> Vector2<f64> {
+    let w = p[4] * q.x + p[5] * q.y + 1.0;
+    Vector2::new(p[0] * q.x + p[1] * q.y, p[2] * q.x + p[3] * q.y) / w
+}
+
+fn solve(used: &[usize], place: &impl Fn(usize) -> (Vector2<f64>, Vector2<f64>)) -> Result<Fit> {
+    if used.len() < LEAST_POSITIONS {
+        return Err(Error::measure(
+            "captures",
+            format!("the mark was found consistently in only {} pictures", used.len()),
+            format!(
+                "give {LEAST_POSITIONS} or more that show one clear mark; check x_mm and y_mm against the pictures"
+            ),
+        ));
+    }
+    let places: Vec<_> = used.iter().map(|&i| place(i)).collect();
+    // Affine start: H·q - M = -P is linear without the last row.
+    let rows = 2 * places.len();
+    let design = DMatrix::from_fn(rows, 6, |r, c| {
+        let q = places[r / 2].0;
+        let own = [[q.x, q.y, 0.0, 0.0, -1.0, 0.0], [0.0, 0.0, q.x, q.y, 0.0, -1.0]];
+        own[r % 2][c]
+    });
+    let y = DVector::from_fn(rows, |r, _| -places[r / 2].1[r % 2]);
+    let lost = || {
+        Error::measure(
+            "captures",
+            "the machine positions do not determine the mapping",
+            "move the mark over the frame in X and in Y, not along one line",
+        )
+    };
+    let (inverse, rank) = least_squares::covariance(&design, 1e-6);
+    if rank < 6 {
+        return Err(lost());
+    }
+    let a = &inverse * design.tr_mul(&y);
+    let start = DVector::from_vec(vec![a[0], a[1], a[2], a[3], 0.0, 0.0, a[4], a[5]]);
+    let model = |p: &DVector<f64>| {
+        let mut r = DVector::zeros(rows);
+        let mut j = DMatrix::zeros(rows, 8);
+        for (i, (q, at)) in places.iter().enumerate() {
+            let w = p[4] * q.x + p[5] * q.y + 1.0;
+            let h = map(p, *q);
+            for k in 0..2 {
+                let row = 2 * i + k;
+                r[row] = h[k] + at[k] - p[6 + k];
+                j[(row, 2 * k)] = q.x / w;
+                j[(row, 2 * k + 1)] = q.y / w;
+                j[(row, 4)] = -h[k] * q.x / w;
+                j[(row, 5)] = -h[k] * q.y / w;
+                j[(row, 6 + k)] = -1.0;
+            }
+        }
+        (r, j)
+    };
+    let options = least_squares::Options { rank_tolerance: 1e-7, ..Default::default() };
+    let solution = least_squares::solve(start, options, model);
+    if solution.rank < 8 || homography(&solution.parameters).determinant() == 0.0 {
+        return Err(lost());
+    }
+    let dof = solution.dof() as f64;
+    Ok(Fit {
+        variance: solution.chi2() / dof,
+        p: solution.parameters,
+        covariance: solution.covariance,
+        dof,
+    })
+}
+
+fn report(
+    captures: &[Capture],
+    sightings: &[Option<Sighting>],
+    used: &[usize],
+    fit: &Fit,
+    lens: &Lens,
+    known_lens: bool,
+    mut warnings: Vec<String>,
+) -> Report {
+    let normal = lens.normalised();
+    // d(plane) / d(pixel) at the principal point.
+    let at_axis = |p: &DVector<f64>| {
+        Matrix2::new(p[0] / lens.fx_px, p[1] / lens.fy_px, p[2] / lens.fx_px, p[3] / lens.fy_px)
+    };
+    let turn = |m: &Matrix2<f64>| m[(1, 0)].atan2(m[(0, 0)]);
+    let (mm_per_px, mm_per_px_u95) = fit.value(|p| at_axis(p).determinant().abs().sqrt());
+    let start = turn(&at_axis(&fit.p));
+    let (swing, rotation_u95) = fit.value(|p| {
+        let away = turn(&at_axis(p)) - start;
+        away.sin().atan2(away.cos())
+    });
+    let (aspect, aspect_u95) =
+        fit.value(|p| at_axis(p).column(1).norm() / at_axis(p).column(0).norm() - 1.0);
+    let (shear, shear_u95) = fit.value(|p| {
+        let m = at_axis(p);
+        -(m.column(0).dot(&m.column(1)) / (m.column(0).norm() * m.column(1).norm())).asin()
+    });
+    let tilt = known_lens.then(|| [0, 1].map(|i| fit.value(|p| tilt_rad(p)[i])));
+    let rotation_deg = (start + swing).to_degrees();
+    let orientation = if at_axis(&fit.p).determinant() > 0.0 {
+        Orientation::Mirrored
+    } else if rotation_deg.abs() > 45.0 {
+        Orientation::Turned
+    } else {
+        Orientation::Upright
+    };
+    warnings.extend(reading(orientation, &at_axis(&fit.p)));
+    let m = Vector2::new(fit.p[6], fit.p[7]);
+    let rows: Vec<CaptureReport> = captures
+        .iter()
+        .enumerate()
+        .map(|(i, c)| CaptureReport {
+            image: c.image.clone(),
+            x_mm: c.position_mm.x,
+            y_mm: c.position_mm.y,
+            mark_px: sightings[i].map(|s| s.pixel.into()),
+            residual_mm: sightings[i]
+                .map(|s| (map(&fit.p, normal.to_plane(s.pixel)) + c.position_mm - m).into()),
+            used: used.contains(&i),
+        })
+        .collect();
+    let squares: f64 = rows
+        .iter()
+        .filter(|r| r.used)
+        .filter_map(|r| r.residual_mm)
+        .map(|[x, y]| x * x + y * y)
+        .sum();
+    let (right, low) = (f64::from(lens.width_px) - 1.0, f64::from(lens.height_px) - 1.0);
+    let corners = [(0.0, 0.0), (right, 0.0), (0.0, low), (right, low)];
+    let field_u95_mm = corners
+        .iter()
+        .map(|&(u, v)| normal.to_plane(Vector2::new(u, v)))
+        .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
+        .map(|[x, y]| x.hypot(y))
+        .fold(0.0, f64::max);
+    warnings.extend(spread(sightings, used, lens));
+    if !known_lens {
+        warnings.push(
+            "no lens file: the lens is taken as free of distortion, and the tilt cannot be told (calib camera makes one)"
+                .into(),
+        );
+    }
+    let h = fit.homography();
+    Report {
+        mm_per_px,
+        mm_per_px_u95,
+        rotation_deg,
+        rotation_u95_deg: rotation_u95.to_degrees(),
+        tilt_deg: tilt.map(|t| t.map(|(v, _)| v.to_degrees())),
+        tilt_u95_deg: tilt.map(|t| t.map(|(_, u)| u.to_degrees())),
+        aspect,
+        aspect_u95,
+        shear_deg: shear.to_degrees(),
+        shear_u95_deg: shear_u95.to_degrees(),
+        orientation,
+        residual_rms_mm: (squares / used.len() as f64).sqrt(),
+        field_u95_mm,
+        homography_mm: std::array::from_fn(|r| std::array::from_fn(|c| h[(r, c)])),
+        captures: rows,
+        warnings,
+    }
+}
+
+/// Tilt of the plane about the camera's u and then v axis: the plane's normal is `Ry(v)·Rx(u)·z`.
+fn tilt_rad(p: &DVector<f64>) -> [f64; 2] {
+    let Some(g) = homography(p).try_inverse() else { return [0.0; 2] };
+    let n = g.column(0).cross(&g.column(1)).normalize();
+    let n = if n.z < 0.0 { -n } else { n };
+    [(-n.y).asin(), n.x.atan2(n.z)]
+}
+
+/// What the orientation means to a person who typed the positions and mounted the camera.
+fn reading(orientation: Orientation, j: &Matrix2<f64>) -> Vec<String> {
+    let turn = |m: Matrix2<f64>| {
+        let deg = m[(1, 0)].atan2(m[(0, 0)]).to_degrees();
+        // -0 and -180 read badly.
+        let deg = (deg * 10.0).round() / 10.0 + 0.0;
+        if deg <= -180.0 { deg + 360.0 } else { deg }
+    };
+    let (flip_x, flip_y) = (Matrix2::new(-1.0, 0.0, 0.0, 1.0), Matrix2::new(1.0, 0.0, 0.0, -1.0));
+    let swap = Matrix2::new(0.0, 1.0, 1.0, 0.0);
+    let mut list = Vec::new();
+    match orientation {
+        Orientation::Upright => {}
+        Orientation::Turned if turn(*j).abs() > 135.0 => list.push(format!(
+            "the picture is turned by {:.1}°: if the camera is mounted upright, x_mm and y_mm both have the wrong sign (they must say where the head is over the table, not where the table is)",
+            turn(*j)
+        )),
+        Orientation::Turned => list.push(format!(
+            "the picture is turned by {:.1}°; this is right only if the camera is mounted that way",
+            turn(*j)
+        )),
+        Orientation::Mirrored => {
+            let mut causes = [
+                (turn(j * flip_x), "the camera's picture is mirrored left to right (a mirror or a setting of the driver)"),
+                (turn(j * flip_y), "the camera's picture is mirrored top to bottom"),
+                (turn(flip_x * j), "x_mm has the wrong sign"),
+                (turn(flip_y * j), "y_mm has the wrong sign"),
+                (turn(swap * j), "x_mm and y_mm are swapped"),
+            ];
+            causes.sort_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+            let said: Vec<String> = causes
+                .iter()
+                .map(|(deg, cause)| format!("{cause} (the camera is then turned by {deg:.1}°)"))
+                .collect();
+            list.push(format!(
+                "mirrored: the mark moves as in a mirror image. One of these is so, likeliest first for an upright camera: {}. If writing on the part reads normally in the picture, the camera is not the cause",
+                said.join("; ")
+            ));
+        }
+    }
+    list
+}
+
+/// Says so where the mark was seen in a small part of the frame only.
+fn spread(sightings: &[Option<Sighting>], used: &[usize], lens: &Lens) -> Option<String> {
+    let places = || used.iter().filter_map(|&i| sightings[i]).map(|s| s.pixel);
+    let low = places().fold(Vector2::repeat(f64::INFINITY), |m, p| m.inf(&p));
+    let high = places().fold(Vector2::repeat(f64::NEG_INFINITY), |m, p| m.sup(&p));
+    let share = (high - low)
+        .component_div(&Vector2::new(f64::from(lens.width_px), f64::from(lens.height_px)));
+    (share.min() < 0.4).then(|| {
+        format!(
+            "the mark was seen over {:.0} % × {:.0} % of the frame only: outside, the mapping is extrapolated",
+            100.0 * share.x,
+            100.0 * share.y
+        )
+    })
+}

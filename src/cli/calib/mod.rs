@@ -1,0 +1,58 @@
+//! `pivotsight calib`: from a bare camera to a calibration file, and whether it still holds.
+
+mod camera;
+mod check;
+mod laser;
+mod plane;
+mod target;
+
+use std::path::Path;
+
+use super::{Global, Outcome};
+use crate::camera::Calibration;
+use crate::error::Result;
+use crate::output::write_whole;
+
+/// Calibrates the camera: lens, plane and laser, and checks whether a calibration still holds
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    Camera(camera::Args),
+    Check(check::Args),
+    Laser(laser::Args),
+    Plane(plane::Args),
+    Target(target::Args),
+}
+
+impl Args {
+    /// Whether `--out` names what the command itself writes.
+    pub fn takes_out(&self) -> bool {
+        matches!(self.what, What::Target(_))
+    }
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    match &args.what {
+        What::Camera(args) => camera::run(args, global),
+        What::Check(args) => check::run(args, global),
+        What::Laser(args) => laser::run(args, global),
+        What::Plane(args) => plane::run(args, global),
+        What::Target(args) => target::run(args, global),
+    }
+}
+
+/// Writes a calibration file.
+fn write(path: &Path, calibration: &Calibration) -> Result<()> {
+    write_whole(path, calibration.to_toml().as_bytes())
+}
+
+/// A file's name without folder and extension: what a calibration is called unless told otherwise.
+fn stem(path: &Path) -> String {
+    path.file_stem().unwrap_or_default().to_string_lossy().into_owned()
+}

@@ -1,0 +1,120 @@
+//! Points of calibration targets, by OpenCV's detectors.
+
+use nalgebra::Vector2;
+use opencv::core::ToInputArray;
+use opencv::core::{Mat, Point2f, Ptr, Size, TermCriteria, TermCriteria_Type, Vector, no_array};
+use opencv::{aruco, calib3d, features2d, imgproc, prelude::*};
+
+use super::{failed, mat};
+use crate::calib::target::{Kind, MARKER_SHARE, Target};
+use crate::cv::Detection;
+use crate::error::Result;
+use crate::frame::Gray;
+
+/// Finds the target's points; `None` where the picture does not show it.
+pub fn detect(gray: &Gray<u8>, target: &Target) -> Result<Option<Detection>> {
+    let image = mat(gray)?;
+    let (across, down) = target.grid();
+    let size = Size::new(across as i32, down as i32);
+    let found = match target.kind {
+        Kind::Charuco => return charuco(&image, target).map_err(failed),
+        Kind::Chessboard => chessboard(&image, size),
+        Kind::Dots => dots(&image, size),
+    };
+    Ok(found.map_err(failed)?.map(|pixels| Detection { ids: (0..pixels.len()).collect(), pixels }))
+}
+
+type Found<T> = opencv::Result<Option<T>>;
+
+/// The sector-based detector (Duda and Frese 2018) first, the classic one with sub-pixel corners where it fails.
+fn chessboard(image: &impl ToInputArray, size: Size) -> Found<Vec<Vector2<f64>>> {
+    let mut corners = Vector::<Point2f>::new();
+    let flags = calib3d::CALIB_CB_EXHAUSTIVE | calib3d::CALIB_CB_ACCURACY;
+    if calib3d::find_chessboard_corners_sb(image, size, &mut corners, flags)? {
+        return Ok(Some(plain(&corners)));
+    }
+    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH | calib3d::CALIB_CB_NORMALIZE_IMAGE;
+    if !calib3d::find_chessboard_corners(image, size, &mut corners, flags)? {
+        return Ok(None);
+    }
+    let step =
+        plain(&corners).windows(2).map(|w| (w[1] - w[0]).norm()).fold(f64::INFINITY, f64::min);
+    refine(image, &mut corners, step)?;
+    Ok(Some(plain(&corners)))
+}
+
+/// Sub-pixel corners in windows that stay clear of the neighbours.
+fn refine(
+    image: &impl ToInputArray,
+    corners: &mut Vector<Point2f>,
+    step_px: f64,
+) -> opencv::Result<()> {
+    let half = (0.35 * step_px).clamp(2.0, 11.0) as i32;
+    let kind = TermCriteria_Type::COUNT as i32 | TermCriteria_Type::EPS as i32;
+    let until = TermCriteria::new(kind, 50, 1e-3)?;
+    imgproc::corner_sub_pix(image, corners, Size::new(half, half), Size::new(-1, -1), until)
+}
+
+fn dots(image: &impl ToInputArray, size: Size) -> Found<Vec<Vector2<f64>>> {
+    let mut params = features2d::SimpleBlobDetector_Params::default()?;
+    // Dots of any size that the frame can hold.
+    params.min_area = 20.0;
+    params.max_area = 1e6;
+    let detector = features2d::SimpleBlobDetector::create(params)?;
+    let detector: Ptr<features2d::Feature2D> = detector.into();
+    for flags in [
+        calib3d::CALIB_CB_SYMMETRIC_GRID,
+        calib3d::CALIB_CB_SYMMETRIC_GRID | calib3d::CALIB_CB_CLUSTERING,
+    ] {
+        let mut centers = Vector::<Point2f>::new();
+        if calib3d::find_circles_grid(image, size, &mut centers, flags, Some(&detector))? {
+            return Ok(Some(plain(&centers)));
+        }
+    }
+    Ok(None)
+}
+
+fn charuco(image: &(impl ToInputArray + MatTraitConst), target: &Target) -> Found<Detection> {
+    let dictionary =
+        aruco::get_predefined_dictionary(aruco::PREDEFINED_DICTIONARY_NAME::DICT_4X4_100)?;
+    let board = aruco::CharucoBoard::create(
+        target.columns as i32,
+        target.rows as i32,
+        target.pitch_mm as f32,
+        (target.pitch_mm * MARKER_SHARE) as f32,
+        &dictionary,
+    )?;
+    let mut corners = Vector::<Vector<Point2f>>::new();
+    let mut ids = Vector::<i32>::new();
+    let parameters = aruco::DetectorParameters::create()?;
+    let mut rejected = no_array();
+    aruco::detect_markers(image, &dictionary, &mut corners, &mut ids, &parameters, &mut rejected)?;
+    if ids.len() < 2 {
+        return Ok(None);
+    }
+    let (mut points, mut point_ids) = (Mat::default(), Mat::default());
+    let count = aruco::interpolate_corners_charuco_def(
+        &corners,
+        &ids,
+        image,
+        &board,
+        &mut points,
+        &mut point_ids,
+    )?;
+    if count < 4 {
+        return Ok(None);
+    }
+    let mut points = Vector::<Point2f>::from_iter(points.data_typed::<Point2f>()?.iter().copied());
+    let side =
+        |c: &Vector<Point2f>| plain(c).windows(2).map(|w| (w[1] - w[0]).norm()).sum::<f64>() / 3.0;
+    let smallest = corners.iter().map(|c| side(&c)).fold(f64::INFINITY, f64::min);
+    // A window reaches at most to the next marker's corner.
+    refine(image, &mut points, 0.5 * smallest)?;
+    // Counted as Target::points_mm counts (OpenCV before 4.6 began at the bottom row).
+    let ids = point_ids.data_typed::<i32>()?.iter().map(|&id| id as usize).collect();
+    Ok(Some(Detection { ids, pixels: plain(&points) }))
+}
+
+fn plain(points: &Vector<Point2f>) -> Vec<Vector2<f64>> {
+    points.iter().map(|p| Vector2::new(f64::from(p.x), f64::from(p.y))).collect()
+}

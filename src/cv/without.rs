@@ -1,0 +1,29 @@
+//! The same functions without the feature `opencv`: each says how to get it.
+
+use crate::calib::target::Target;
+use crate::cv::{BoardView, Detection, Distortion, LensFit};
+use crate::error::{Error, Result};
+use crate::frame::Gray;
+
+fn missing(what: &str) -> Error {
+    Error::option(
+        what,
+        "needs OpenCV, which is not built into this program",
+        "install Debian's libopencv-dev, clang and libclang-dev, then build with `cargo build --release --features opencv`",
+    )
+}
+
+/// What `--version` says of OpenCV.
+pub fn built_in() -> String {
+    "no opencv".to_owned()
+}
+
+/// Needs OpenCV.
+pub fn detect(_: &Gray<u8>, _: &Target) -> Result<Option<Detection>> {
+    Err(missing("calib camera"))
+}
+
+/// Needs OpenCV.
+pub fn calibrate(_: &[BoardView], _: (u32, u32), _: Distortion) -> Result<LensFit> {
+    Err(missing("calib camera"))
+}

@@ -1,0 +1,234 @@
+//! The ring and the spot in a burn test's picture: which circles they are, and both measured.
+
+use nalgebra::Vector2;
+
+use crate::camera::View;
+use crate::error::{Error, Result};
+use crate::find::{self, Candidate, Look};
+use crate::fit::Circle;
+use crate::frame::Frame;
+use crate::measure::circles::measure_candidate;
+use crate::measure::ring::{self, Ring, Search};
+
+/// Rings that are tried, and spots inside each.
+const TRIES: usize = 4;
+/// A circle's own form (rms) may be this part of its radius: a burn may be ragged, a glare's border is no circle.
+const MOST_FORM: f64 = 0.1;
+
+/// Ring, spot and what a user should know.
+pub(super) type Marks = (Ring, Ring, Vec<String>);
+
+/// Finds and measures both. `near_mm` tells one of several test burns from the others.
+pub(super) fn measure(
+    frame: &Frame,
+    view: &View,
+    near_mm: Option<[f64; 2]>,
+    subject: &str,
+) -> Result<Marks> {
+    let look = find::look(frame);
+    let side = frame.width().max(frame.height()) as f64;
+    let near = near_mm.map(|p| (view.to_pixel(Vector2::from(p)), 0.1 * side));
+    let all = find::circles(
+        &look,
+        find::Options {
+            least_radius_px: 0.02 * side,
+            most_radius_px: 0.6 * side,
+            near,
+            least_coverage: 0.35,
+            centers: 8,
+        },
+    );
+    let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
+    let rings = ring_candidates(&steady, 0.06 * side);
+    let mut lone_ring = false;
+    for outer in rings.iter().take(TRIES) {
+        let spots = spot_candidates(&look, outer);
+        if spots.is_empty() {
+            lone_ring = true;
+            continue;
+        }
+        if near_mm.is_none()
+            && let Some(other) = second_burn(&rings, outer)
+        {
+            return Err(two_burns(subject, outer, other));
+        }
+        let edges: Vec<Candidate> =
+            steady.iter().filter(|c| concentric(c, outer)).copied().collect();
+        let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
+        let measured =
+            spots.iter().take(TRIES).find_map(|s| measure_spot(frame, view, s, &ring, &edges));
+        let Some(spot) = measured else {
+            lone_ring = true;
+            break; // The ring is there; a worse one with a better spot would be a wrong answer.
+        };
+        let mut warnings = Vec::new();
+        if ring.arc_coverage < 0.6 {
+            let seen = 100.0 * ring.arc_coverage;
+            warnings.push(format!("only {seen:.0} % of the ring's edge was found"));
+        }
+        return Ok((ring, spot, warnings));
+    }
+    Err(if lone_ring {
+        Error::measure(
+            subject,
+            "a ring was found, but no spot inside it that is clear enough to measure",
+            "burn the spot (100 W from 1-5 mm) and photograph again, lit so that no glare covers it",
+        )
+    } else {
+        Error::measure(
+            subject,
+            "no ring was found",
+            "check that the whole ring is in the picture, in focus and darker or brighter than the plate",
+        )
+    })
+}
+
+fn two_burns(subject: &str, one: &Candidate, other: &Candidate) -> Error {
+    let (a, b) = (one.circle.center, other.circle.center);
+    Error::measure(
+        subject,
+        format!(
+            "shows two test burns, near pixel ({:.0}, {:.0}) and ({:.0}, {:.0})",
+            a.x, a.y, b.x, b.y
+        ),
+        "say which one with --near-mm X,Y (plane mm), or crop the picture",
+    )
+}
+
+/// Whether a candidate's edge runs along its circle rather than wandering about it.
+fn is_steady(c: &Candidate) -> bool {
+    c.scatter_px < 0.035 * c.circle.radius + 4.0 && c.step.abs() > 0.0
+}
+
+/// Whether what was measured is a circle with some ragged edge rather than something else: enough of it seen, and
+/// its own form small beside its radius.
+fn is_circle(ring: &Ring, least_coverage: f64) -> bool {
+    ring.arc_coverage >= least_coverage && ring.form_rms_mm < MOST_FORM * ring.circle.radius
+}
+
+/// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
+fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
+    let rank =
+        |c: &Candidate| c.score * c.coverage * c.circle.radius.sqrt() / (1.0 + 0.1 * c.scatter_px);
+    let mut list: Vec<Candidate> =
+        all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
+    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    let mut rings: Vec<Candidate> = Vec::new();
+    for c in list.iter().take(8) {
+        // A halo is much fainter than the ring it surrounds.
+        let outermost = all
+            .iter()
+            .filter(|o| {
+                concentric(o, c)
+                    && (o.circle.center - c.circle.center).norm()
+                        < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
+                    && o.circle.radius >= c.circle.radius
+                    && o.step.abs() > 0.4 * c.step.abs()
+                    && o.coverage > 0.6 * c.coverage
+                    && o.scatter_px < 2.0 * c.scatter_px + 3.0
+            })
+            .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
+            .unwrap_or(c);
+        let known = |r: &Candidate| {
+            concentric(r, outermost)
+                && (r.circle.radius / outermost.circle.radius - 1.0).abs() < 0.05
+        };
+        if !rings.iter().any(known) {
+            rings.push(*outermost);
+        }
+    }
+    rings
+}
+
+fn concentric(a: &Candidate, b: &Candidate) -> bool {
+    (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
+}
+
+/// Circles inside a ring that may be its spot, best first.
+fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
+    let ring = outer.circle;
+    let inside = find::circles(
+        look,
+        find::Options {
+            least_radius_px: (0.05 * ring.radius).max(4.0),
+            most_radius_px: 0.45 * ring.radius,
+            near: Some((ring.center, 0.7 * ring.radius)),
+            least_coverage: 0.55,
+            centers: 6,
+        },
+    );
+    let rank = |c: &Candidate| c.score * c.step.abs().sqrt() * c.coverage;
+    let mut spots: Vec<Candidate> = inside
+        .into_iter()
+        .filter(|c| {
+            let off = (c.circle.center - ring.center).norm();
+            is_steady(c) && off + 0.5 * c.circle.radius < 0.95 * ring.radius
+        })
+        .collect();
+    spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    spots
+}
+
+/// Another ring beside this one of nearly the same standing.
+fn second_burn<'a>(rings: &'a [Candidate], first: &Candidate) -> Option<&'a Candidate> {
+    rings.iter().find(|r| {
+        let apart = (r.circle.center - first.circle.center).norm();
+        apart > 0.9 * (r.circle.radius + first.circle.radius)
+            && (0.6..1.7).contains(&(r.circle.radius / first.circle.radius))
+            && r.score > 0.6 * first.score
+            && r.coverage > 0.8
+            && r.scatter_px < 2.0 * first.scatter_px + 2.0
+    })
+}
+
+fn measure_ring(
+    frame: &Frame,
+    view: &View,
+    outer: &Candidate,
+    edges: &[Candidate],
+    spot: Candidate,
+) -> Option<Ring> {
+    let mut others = edges.to_vec();
+    others.push(spot);
+    measure_candidate(frame, view, outer, &others).filter(|ring| is_circle(ring, 0.35))
+}
+
+fn measure_spot(
+    frame: &Frame,
+    view: &View,
+    spot: &Candidate,
+    ring: &Ring,
+    edges: &[Candidate],
+) -> Option<Ring> {
+    // The spot's band ends where the ring's next edge begins.
+    let reach = edges
+        .iter()
+        .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
+        .map(|c| {
+            c.circle.radius - (c.circle.center - spot.circle.center).norm() - 2.5 * c.softness_px
+        })
+        .fold(f64::INFINITY, f64::min);
+    let c = spot.circle;
+    let rough = Circle {
+        center: view.to_plane(c.center),
+        radius: c.radius * view.mm_per_px(c.center).determinant().abs().sqrt(),
+    };
+    let search = Search {
+        reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
+        inside_limit_px: 0.95 * c.radius,
+        outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
+        softness_px: spot.softness_px.max(1.5),
+    };
+    let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    if std::env::var("DBG").is_ok() {
+        eprintln!(
+            "  spot cover {:.2} form {:.4} R {:.3}",
+            spot.arc_coverage, spot.form_rms_mm, spot.circle.radius
+        );
+    }
+    let plausible = is_circle(&spot, 0.5)
+        && spot.circle.radius < 0.6 * ring.circle.radius
+        && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
+        && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;
+    plausible.then_some(spot)
+}

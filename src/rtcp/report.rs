@@ -1,0 +1,197 @@
+//! What `solve` hands back: the control's numbers with uncertainty, limits, and what typing them in changes.
+
+use nalgebra::Vector3;
+use schemars::JsonSchema;
+use serde::Serialize;
+
+use super::solve::Solved;
+use super::{Session, deviation};
+use crate::error::Result;
+use crate::machine::Machine;
+use crate::uncertainty::{Contribution, Measured, Verdict};
+
+/// B angles at which a change of the control's values is shown.
+const SHOWN_DEG: [f64; 6] = [-90.0, -45.0, -30.0, 30.0, 45.0, 90.0];
+
+/// The result of `solve`. `*_u95_mm` are half-widths of 95 % intervals.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct Solution {
+    /// Machine X where the B axis is over the rod.
+    pub xb_mm: f64,
+    pub xb_u95_mm: f64,
+    /// Machine Z where the nozzle touches the table.
+    pub zb_mm: f64,
+    pub zb_u95_mm: f64,
+    /// The C axis.
+    pub xc_mm: f64,
+    pub xc_u95_mm: f64,
+    /// The C axis.
+    pub yc_mm: f64,
+    pub yc_u95_mm: f64,
+    /// From the B axis to the optical axis, along X.
+    pub delta_x_mm: f64,
+    pub delta_x_u95_mm: f64,
+    /// From the B axis to the nozzle's end face.
+    pub r_mm: f64,
+    pub r_u95_mm: f64,
+    /// From the B axis to the focus.
+    pub r_focus_mm: f64,
+    pub r_focus_u95_mm: f64,
+    /// Tool side, pivot to nozzle.
+    pub i1_mm: [f64; 3],
+    /// Nozzle to pivot.
+    pub i2_mm: [f64; 3],
+    /// Machine reference to C axis.
+    pub i3_mm: [f64; 3],
+    /// Back again.
+    pub i4_mm: [f64; 3],
+    /// +1 where a positive B turns the nozzle towards -X, -1 where towards +X.
+    pub b_sense: i32,
+    /// Limits of the method, and whether they are kept.
+    pub limits: Vec<Limit>,
+    /// The third touch against what the others predict.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub check_touch: Option<CheckTouch>,
+    /// What typing the values in changes, where the present ones are known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub change: Option<Change>,
+    /// What contributes how much to the uncertainty.
+    pub budget: Vec<Contribution>,
+}
+
+/// A limit of the method.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct Limit {
+    /// The step: S1 to S4.
+    pub step: &'static str,
+    pub what: &'static str,
+    pub value_mm: f64,
+    pub u95_mm: f64,
+    pub limit_mm: f64,
+    pub verdict: Verdict,
+}
+
+/// The third touch.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct CheckTouch {
+    pub b_deg: f64,
+    pub measured_mm: f64,
+    pub predicted_mm: f64,
+    pub difference_mm: f64,
+    pub difference_u95_mm: f64,
+    pub verdict: Verdict,
+}
+
+/// What typing the new values into the control changes.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+pub struct Change {
+    /// Value by value.
+    pub values: Vec<Replaced>,
+    /// How far the tool point goes astray with the present values, seen from B = 0.
+    pub removes: Vec<Astray>,
+}
+
+/// A value now and then.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct Replaced {
+    pub name: &'static str,
+    pub now: f64,
+    pub new: f64,
+    pub change: f64,
+}
+
+/// The tool point's error at one B.
+#[derive(Debug, Clone, Serialize, JsonSchema)]
+#[allow(missing_docs)]
+pub struct Astray {
+    pub b_deg: f64,
+    pub dx_mm: f64,
+    pub dy_mm: f64,
+    pub dz_mm: f64,
+}
+
+impl Solution {
+    /// The result of a session.
+    pub fn new(session: &Session, solved: &Solved, machine: &Machine) -> Result<Self> {
+        let [i1_mm, i2_mm, i3_mm, i4_mm] = solved.vectors_mm();
+        let focus = Measured {
+            value: solved.r_mm.value + session.standoff_mm.value,
+            u: solved.r_mm.u.hypot(session.standoff_mm.u),
+        };
+        let limits = session.limits.iter().map(|l| Limit {
+            step: l.step,
+            what: l.what,
+            value_mm: l.value_mm.value,
+            u95_mm: l.value_mm.u95(),
+            limit_mm: l.limit_mm,
+            verdict: l.verdict,
+        });
+        let check_touch = solved.check.map(|c| CheckTouch {
+            b_deg: c.b_rad.to_degrees(),
+            measured_mm: c.measured_mm,
+            predicted_mm: c.predicted_mm,
+            difference_mm: c.difference_mm.value,
+            difference_u95_mm: c.difference_mm.u95(),
+            verdict: c.verdict,
+        });
+        Ok(Self {
+            xb_mm: solved.xb_mm.value,
+            xb_u95_mm: solved.xb_mm.u95(),
+            zb_mm: solved.zb_mm.value,
+            zb_u95_mm: solved.zb_mm.u95(),
+            xc_mm: solved.xc_mm.value,
+            xc_u95_mm: solved.xc_mm.u95(),
+            yc_mm: solved.yc_mm.value,
+            yc_u95_mm: solved.yc_mm.u95(),
+            delta_x_mm: solved.delta_x_mm.value,
+            delta_x_u95_mm: solved.delta_x_mm.u95(),
+            r_mm: solved.r_mm.value,
+            r_u95_mm: solved.r_mm.u95(),
+            r_focus_mm: focus.value,
+            r_focus_u95_mm: focus.u95(),
+            i1_mm,
+            i2_mm,
+            i3_mm,
+            i4_mm,
+            b_sense: solved.b_sense,
+            limits: limits.collect(),
+            check_touch,
+            change: session.control.as_ref().map(|now| Change::of(now, machine)).transpose()?,
+            budget: solved.budget.clone(),
+        })
+    }
+
+    /// Whether every limit is kept and the check touch agrees.
+    pub fn good(&self) -> bool {
+        let check = self.check_touch.iter().map(|c| c.verdict);
+        self.limits.iter().map(|l| l.verdict).chain(check).all(|v| v == Verdict::Pass)
+    }
+}
+
+impl Change {
+    fn of(now: &Machine, new: &Machine) -> Result<Self> {
+        let values = [
+            ("delta_x_mm", now.head.delta_x_mm, new.head.delta_x_mm),
+            ("r_mm", now.head.r_mm, new.head.r_mm),
+            ("xc_mm", now.table.xc_mm, new.table.xc_mm),
+            ("yc_mm", now.table.yc_mm, new.table.yc_mm),
+            ("zc_mm", now.table.zc_mm, new.table.zc_mm),
+        ]
+        .map(|(name, now, new)| Replaced { name, now, new, change: new - now });
+        // The stand-off is the cutting process', not the machine's: the same on both sides.
+        let mut now = now.clone();
+        now.head.standoff_mm = new.head.standoff_mm;
+        let (control, real) = (now.chain()?, new.chain()?);
+        let at =
+            |b_deg: f64| deviation(&control, &real, &Vector3::zeros(), [b_deg.to_radians(), 0.0]);
+        let removes = SHOWN_DEG.iter().map(|&b_deg| {
+            let d = at(b_deg) - at(0.0);
+            Astray { b_deg, dx_mm: d.x, dy_mm: d.y, dz_mm: d.z }
+        });
+        Ok(Self { values: values.to_vec(), removes: removes.collect() })
+    }
+}

@@ -1,0 +1,345 @@
+//! What the program promises of OpenCV: built in it calibrates lenses, without it it says how to get it.
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+fn run(args: &[&str]) -> (Value, Option<i32>, String) {
+    let out = Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(args)
+        .args(["--format", "json"])
+        .output()
+        .unwrap();
+    let json = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
+    (json, out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
+}
+
+#[test]
+fn the_version_lists_what_is_built_in() {
+    let out = Command::cargo_bin("pivotsight").unwrap().arg("--version").output().unwrap();
+    let text = String::from_utf8_lossy(&out.stdout).into_owned();
+    let built_in = if cfg!(feature = "opencv") { "(opencv 4." } else { "(no opencv)" };
+    assert!(text.contains(built_in), "{text}");
+}
+
+#[test]
+fn targets_are_true_to_scale() {
+    let folder = tempfile::tempdir().unwrap();
+    for (target, paper) in
+        [("charuco:11x7:15", "A4"), ("chessboard:10x7:40", "A2"), ("dots:9x7:2.5", "A4")]
+    {
+        for extension in ["svg", "pdf"] {
+            let path = folder.path().join(format!("t.{extension}"));
+            let (json, code, _) =
+                run(&["calib", "target", target, "--out", path.to_str().unwrap()]);
+            assert_eq!(code, Some(0));
+            // The result goes to the file alone; nothing is printed but in it.
+            assert_eq!(json["paper"], paper, "{json:#}");
+            let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
+            let page = &json["page_mm"];
+            let (w, h) = (page[0].as_f64().unwrap(), page[1].as_f64().unwrap());
+            match extension {
+                "svg" => assert!(text.contains(&format!(
+                    "width=\"{w}mm\" height=\"{h}mm\" viewBox=\"0 0 {w} {h}\""
+                ))),
+                _ => assert!(text.contains(&format!(
+                    "/MediaBox [0 0 {:.5} {:.5}]",
+                    w / 25.4 * 72.0,
+                    h / 25.4 * 72.0
+                ))),
+            }
+        }
+    }
+    let (_, code, _) = run(&["calib", "target", "charuco:10x8:15", "--out", "x.svg"]);
+    assert_eq!(code, Some(2));
+}
+
+#[cfg(not(feature = "opencv"))]
+#[test]
+fn without_opencv_the_command_says_how_to_get_it() {
+    let (_, code, words) =
+        run(&["calib", "camera", "images/burn-clean/burn-0001.png", "--target", "charuco:11x7:15"]);
+    assert_eq!(code, Some(2));
+    assert!(words.contains("libopencv-dev") && words.contains("--features opencv"), "{words}");
+}
+
+#[cfg(feature = "opencv")]
+mod with {
+    use std::path::Path;
+
+    use super::run;
+    use nalgebra::{Rotation3, Vector2, Vector3};
+    use pivotsight::calib::lens;
+    use pivotsight::calib::target::Target;
+    use pivotsight::camera::Lens;
+    use pivotsight::cv::{self, BoardView, Distortion, Pose};
+    use pivotsight::frame::{Channel, Picture};
+    use pivotsight::render::target::render;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+    use serde_json::Value;
+
+    fn truth() -> Lens {
+        Lens {
+            width_px: 800,
+            height_px: 600,
+            fx_px: 1010.0,
+            fy_px: 1006.0,
+            cx_px: 411.0,
+            cy_px: 290.0,
+            distortion: [-0.21, 0.11, 8e-4, -6e-4, 0.0],
+        }
+    }
+
+    /// Views all over the frame, tilted in different directions.
+    fn poses(target: &Target, lens: &Lens) -> Vec<Pose> {
+        let half = target.size_mm() / 2.0;
+        let distance = 0.75 * lens.fx_px * target.size_mm().x / 800.0 * 1.6;
+        (0..12)
+            .map(|i| {
+                let t = f64::from(i) * 2.4;
+                let lean = 0.2 + 0.035 * f64::from(i);
+                let turn =
+                    Rotation3::from_axis_angle(
+                        &nalgebra::Unit::new_normalize(Vector3::new(t.cos(), t.sin(), 0.0)),
+                        lean,
+                    ) * Rotation3::from_axis_angle(&Vector3::z_axis(), 0.15 * (t * 1.7).sin());
+                let reach = if i % 4 == 3 { 0.0 } else { 0.16 };
+                let (s, c) = (0.5 + 1.571 * f64::from(i)).sin_cos();
+                let depth = distance * (1.0 + 0.12 * f64::from(i % 3));
+                let middle = Vector3::new(c * reach * depth, 0.75 * s * reach * depth, depth);
+                Pose { turn, shift_mm: middle - turn * Vector3::new(half.x, half.y, 0.0) }
+            })
+            .collect()
+    }
+
+    fn gray(path: &Path) -> pivotsight::frame::Gray<u8> {
+        Picture::read(path).unwrap().into_frame(Channel::Auto).to_eight()
+    }
+
+    /// Every kind of target, rendered: its markers are OpenCV's, and its points are found where they are.
+    #[test]
+    fn rendered_targets_are_found_where_they_are() {
+        let folder = tempfile::tempdir().unwrap();
+        let lens = truth();
+        for (text, most_px) in
+            [("charuco:11x7:15", 0.12), ("chessboard:10x7:16", 0.06), ("dots:9x7:17", 0.12)]
+        {
+            let target: Target = text.parse().unwrap();
+            let pose = poses(&target, &lens)[7];
+            let made = render(&target, &lens, &pose, 1.0, 5).unwrap();
+            let path = folder.path().join("t.png");
+            made.picture.write_png(&path).unwrap();
+            if let Ok(kept) = std::env::var("PIVOTSIGHT_KEEP") {
+                std::fs::copy(&path, Path::new(&kept).join(format!("{}.png", target.kind.word())))
+                    .unwrap();
+            }
+            let found = cv::detect(&gray(&path), &target).unwrap().expect(text);
+            assert!(found.ids.len() > 40, "{text}: {}", found.ids.len());
+            // Chessboards and dots may be counted from the opposite corner.
+            let n = made.points_px.len();
+            let off = |turned: bool| -> f64 {
+                let squares: f64 = found
+                    .ids
+                    .iter()
+                    .zip(&found.pixels)
+                    .map(|(&i, p)| {
+                        (p - made.points_px[if turned { n - 1 - i } else { i }]).norm_squared()
+                    })
+                    .sum();
+                (squares / found.ids.len() as f64).sqrt()
+            };
+            let rms = off(false).min(off(true));
+            println!("{text}: {} points, {rms:.4} px rms", found.ids.len());
+            assert!(rms < most_px, "{text}: {rms} px");
+        }
+    }
+
+    /// The stated intervals hold: known lens, known noise, many times over.
+    #[test]
+    fn intervals_of_the_lens_hold() {
+        let lens = truth();
+        let target: Target = "charuco:11x7:15".parse().unwrap();
+        let camera = lens.normalised();
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+        let wanted = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, -0.21, 0.11, 8e-4, -6e-4];
+        let (mut inside, mut total) = (0, 0);
+        for _ in 0..25 {
+            let found = poses(&target, &lens)
+                .iter()
+                .enumerate()
+                .map(|(i, pose)| {
+                    let board_mm = target.points_mm();
+                    let pixels = board_mm
+                        .iter()
+                        .map(|b| {
+                            let p = pose.turn * Vector3::new(b.x, b.y, 0.0) + pose.shift_mm;
+                            let exact = camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z));
+                            exact + 0.1 * Vector2::new(noise(), noise())
+                        })
+                        .collect();
+                    (i, BoardView { board_mm, pixels })
+                })
+                .collect();
+            let names: Vec<String> = (0..12).map(|i| i.to_string()).collect();
+            let made =
+                lens::from_views(&names, found, vec![None; 12], (800, 600), Distortion::Decentred)
+                    .unwrap();
+            for (p, truth) in made.report.parameters.iter().zip(wanted) {
+                total += 1;
+                inside += usize::from((p.value - truth).abs() <= p.u95.unwrap());
+            }
+        }
+        let share = f64::from(inside as u32) / f64::from(total);
+        println!("{inside} of {total} inside");
+        assert!((0.90..=0.99).contains(&share), "{share}");
+    }
+
+    fn value(json: &Value, name: &str) -> (f64, f64) {
+        let p = json["parameters"].as_array().unwrap().iter().find(|p| p["name"] == name).unwrap();
+        (p["value"].as_f64().unwrap(), p["u95"].as_f64().unwrap_or(0.0))
+    }
+
+    /// From rendered pictures to a lens, two of them bad.
+    #[test]
+    fn a_lens_is_found_from_pictures_and_bad_ones_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let lens = truth();
+        let target: Target = "charuco:11x7:15".parse().unwrap();
+        let mut images = Vec::new();
+        for (i, pose) in poses(&target, &lens).iter().enumerate() {
+            let path = folder.path().join(format!("view-{i:02}.png"));
+            // In one picture the paper is warped: another lens shows it.
+            let seen_by = if i == 5 {
+                Lens { distortion: [0.3, 0.0, 0.02, 0.0, 0.0], ..lens.clone() }
+            } else {
+                lens.clone()
+            };
+            render(&target, &seen_by, pose, 1.0, i as u64)
+                .unwrap()
+                .picture
+                .write_png(&path)
+                .unwrap();
+            images.push(path.display().to_string());
+        }
+        images.push("images/burn-clean/burn-0001.png".into());
+        let calib = folder.path().join("lens.toml");
+        let coverage = folder.path().join("coverage.png");
+        let mut args: Vec<&str> = vec!["calib", "camera"];
+        args.extend(images.iter().map(String::as_str));
+        args.extend(["--target", "charuco:11x7:15", "--distortion", "decentred"]);
+        args.extend([
+            "--write-calib",
+            calib.to_str().unwrap(),
+            "--coverage",
+            coverage.to_str().unwrap(),
+        ]);
+        let (json, code, words) = run(&args);
+        assert_eq!(code, Some(0), "{words}");
+        if let Ok(kept) = std::env::var("PIVOTSIGHT_KEEP") {
+            std::fs::copy(&coverage, Path::new(&kept).join("coverage.png")).unwrap();
+            std::fs::write(Path::new(&kept).join("camera.json"), format!("{json:#}")).unwrap();
+        }
+        let rejected = |i: usize| json["views"][i]["rejected"].as_str().map(str::to_owned);
+        assert!(rejected(5).unwrap().contains("px rms"), "{json:#}");
+        assert!(rejected(12).unwrap().contains("not found"));
+        assert_eq!((0..13).filter(|&i| rejected(i).is_some()).count(), 2, "{json:#}");
+        assert!(json["rms_px"].as_f64().unwrap() < 0.12, "{json:#}");
+        // What matters: the same place of the frame is seen along the same ray, to a tenth of a pixel or so.
+        let found = Lens::read(&calib).unwrap();
+        for (name, truth) in
+            [("fx_px", 1010.0), ("fy_px", 1006.0), ("cx_px", 411.0), ("cy_px", 290.0)]
+        {
+            let (v, u) = value(&json, name);
+            assert!((v - truth).abs() < (2.5 * u).max(1.0), "{name}: {v} ± {u}, truth {truth}");
+        }
+        assert!((found.distortion[0] + 0.21).abs() < 0.02);
+        // The lens alone is no calibration yet, and the message says what is missing.
+        let (_, code, words) = run(&[
+            "circles",
+            "images/burn-clean/burn-0001.png",
+            "--calib",
+            calib.to_str().unwrap(),
+            "--expect-mm",
+            "5",
+        ]);
+        assert!(code == Some(2) && words.contains("calib plane"), "{words}");
+    }
+
+    /// Pictures that do not determine the lens are said to be such.
+    #[test]
+    fn square_on_views_are_doubted() {
+        let lens = truth();
+        let target: Target = "chessboard:10x7:16".parse().unwrap();
+        let camera = lens.normalised();
+        let found = poses(&target, &lens)
+            .iter()
+            .enumerate()
+            .map(|(i, pose)| {
+                let board_mm = target.points_mm();
+                let wobble = |k: usize| 0.05 * ((k * 7919 % 97) as f64 / 97.0 - 0.5);
+                let pixels = board_mm
+                    .iter()
+                    .enumerate()
+                    .map(|(k, b)| {
+                        let p = Vector3::new(b.x, b.y, 0.0) + pose.shift_mm;
+                        camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z))
+                            + Vector2::new(wobble(k + i), wobble(3 * k + i))
+                    })
+                    .collect();
+                (i, BoardView { board_mm, pixels })
+            })
+            .collect();
+        let names: Vec<String> = (0..12).map(|i| i.to_string()).collect();
+        let made =
+            lens::from_views(&names, found, vec![None; 12], (800, 600), Distortion::Full).unwrap();
+        let words = made.report.warnings.join("\n");
+        assert!(words.contains("tilt"), "{words}");
+    }
+
+    /// OpenCV's own chessboard pictures against the figures published beside them (`left_intrinsics.yml`).
+    #[test]
+    fn opencvs_own_pictures_give_opencvs_own_figures() {
+        let folder = Path::new("/usr/share/doc/opencv-doc/examples/data");
+        if !folder.join("left01.jpg").exists() {
+            println!("skipped: Debian's opencv-doc with left01.jpg is not installed");
+            return;
+        }
+        for side in ["left", "right"] {
+            let images: Vec<String> = (1..=14)
+                .map(|i| folder.join(format!("{side}{i:02}.jpg")))
+                .filter(|p| p.exists())
+                .map(|p| p.display().to_string())
+                .collect();
+            let mut args: Vec<&str> = vec!["calib", "camera"];
+            args.extend(images.iter().map(String::as_str));
+            args.extend(["--target", "chessboard:10x7:25"]);
+            let (json, code, words) = run(&args);
+            assert_eq!(code, Some(0), "{words}");
+            println!("{side}: {json:#}");
+            let used =
+                json["views"].as_array().unwrap().iter().filter(|v| v["used"] == true).count();
+            assert!(used >= 12, "{used} of {}", images.len());
+            let rms = json["rms_px"].as_f64().unwrap();
+            assert!(rms < 0.39, "{side}: {rms} px rms");
+            if side == "left" {
+                // The published run kept a view with mislocated corners (left02: 1.18 px rms, here 0.19), so its
+                // numbers are no truth to better than this.
+                for (name, published, within) in [
+                    ("fx_px", 535.916, 5.0),
+                    ("fy_px", 535.916, 5.0),
+                    ("cx_px", 342.283, 4.0),
+                    ("cy_px", 235.571, 4.0),
+                    ("k1", -0.26637, 0.06),
+                ] {
+                    let (v, u) = value(&json, name);
+                    assert!(
+                        (v - published).abs() < within,
+                        "{name}: {v} ± {u}, published {published}"
+                    );
+                }
+            }
+        }
+    }
+}
