@@ -31,6 +31,7 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("circles", |g| g.root_schema_for::<Pictures<circles::Report>>()),
     ("config", |g| g.root_schema_for::<super::config::Output>()),
     ("demo", |g| g.root_schema_for::<demo::Report>()),
+    ("demo-hidden", |g| g.root_schema_for::<demo::hidden::Report>()),
     ("diagnose", |g| g.root_schema_for::<super::diagnose::Output>()),
     ("export", |g| g.root_schema_for::<super::export::Output>()),
     ("history", |g| g.root_schema_for::<super::history::Output>()),

@@ -1,6 +1,7 @@
 //! The whole method on a virtual machine: burn, photograph, measure, correct, burn again; photograph the
 //! rod, touch it, solve. What is measured is compared with what is true only at the end.
 
+pub mod hidden;
 mod machine;
 
 use std::path::PathBuf;
@@ -15,7 +16,7 @@ use crate::rtcp::solve::{Readings, Solved, solve};
 use crate::uncertainty::{K95, Measured, Verdict};
 
 pub use machine::VirtualMachine;
-use machine::{BURN_HEIGHTS_MM, CONTACT_U_MM, NOZZLE_RIM_MM};
+use machine::{BURN_HEIGHTS_MM, C_ANGLES_DEG, CONTACT_U_MM, NOZZLE_RIM_MM};
 
 /// Burn tests after which the demo gives up.
 const MOST_BURNS: u64 = 4;
@@ -156,7 +157,7 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
 
 /// Photographs the rod and measures it from the files.
 fn photographed_rod(machine: &VirtualMachine, options: &Options) -> Result<rod::Report> {
-    let rendered = machine.photograph_rod()?;
+    let rendered = machine.photograph_rod(&C_ANGLES_DEG)?;
     let table = rendered.write(&options.folder, "rod")?;
     let captures = rod::read_captures(options.folder.join(table))?;
     let measured = rod::measure(&captures, &rendered.camera.calibration, &rod::Options::default())?;

@@ -142,7 +142,7 @@ impl Space {
 
     /// Scales split columns so that the noise has unit variance.
     pub fn whiten(&self, split: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
-        let (top, n) = (self.top(), self.classes.len());
+        let (top, n) = (self.top(), split.nrows() - self.top());
         let mut out = split.clone();
         let shared = self.whiten_top(&split.rows(0, top).into_owned(), noise);
         out.rows_mut(0, top).copy_from(&shared);
@@ -194,6 +194,8 @@ impl Space {
         given_mm: Option<f64>,
     ) -> Noise {
         let n = self.observations();
+        let short = self.shorten(design, y);
+        let (design, y) = short.as_ref().map_or((design, y), |(d, y)| (d, y));
         let start = given_mm.unwrap_or_else(|| (y.norm_squared() / n.max(1) as f64).sqrt());
         let start = if start > 0.0 { start } else { 1e-12 };
         let mut noise = Noise {
@@ -208,6 +210,29 @@ impl Space {
             }
         }
         noise
+    }
+
+    /// Where all observations share one noise, their complement matters only through its triangular factor: a few rows in
+    /// place of thousands.
+    fn shorten(
+        &self,
+        design: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+        let (top, p) = (self.top(), design.ncols());
+        let rest = design.nrows() - top;
+        if self.class_count() > 1 || top == 0 || rest <= p + 1 {
+            return None;
+        }
+        let mut both = DMatrix::zeros(rest, p + 1);
+        both.columns_mut(0, p).copy_from(&design.rows(top, rest));
+        both.column_mut(p).copy_from(&y.view((top, 0), (rest, 1)));
+        let r = both.qr().r();
+        let mut short = DMatrix::zeros(top + p + 1, p + 1);
+        short.view_mut((0, 0), (top, p)).copy_from(&design.rows(0, top));
+        short.view_mut((0, p), (top, 1)).copy_from(&y.view((0, 0), (top, 1)));
+        short.view_mut((top, 0), (p + 1, p + 1)).copy_from(&r);
+        Some((short.columns(0, p).into_owned(), short.columns(p, 1).into_owned()))
     }
 
     /// One fixed-point step; returns the largest relative change.
@@ -259,16 +284,14 @@ impl Space {
         let classes = noise.sigma_mm.len();
         let mut squares = vec![0.0; classes];
         let mut dof = vec![0.0; classes];
-        for (i, &class) in self.classes.iter().enumerate().filter(|(i, _)| self.keep[*i]) {
-            squares[class] += e[(top + i, 0)].powi(2);
-            dof[class] += 1.0;
-            if classes > 1 {
-                dof[class] -= basis.row(top + i).norm_squared();
-            }
-        }
         if classes == 1 {
-            squares[0] += e.rows(0, top).norm_squared();
-            dof[0] -= basis.ncols() as f64;
+            squares[0] = e.norm_squared();
+            dof[0] = self.observations() as f64 - basis.ncols() as f64;
+        } else {
+            for (i, &class) in self.classes.iter().enumerate().filter(|(i, _)| self.keep[*i]) {
+                squares[class] += e[(top + i, 0)].powi(2);
+                dof[class] += 1.0 - basis.row(top + i).norm_squared();
+            }
         }
         let old = noise.sigma_mm.clone();
         let variance: Vec<f64> =

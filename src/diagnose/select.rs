@@ -208,10 +208,10 @@ impl Selection {
                 .filter(|(i, _)| part != Part::Effect(*i))
                 .map(|(_, a)| a.effect)
                 .collect();
-            let mut consider = |score: &Score, bonus: f64, model: Model| {
+            let mut consider = |score: &Score, bonus: f64, model: &dyn Fn() -> Model| {
                 let gain = score.evidence + bonus - own;
                 if gain > 1.0 && found.as_ref().is_none_or(|(g, _)| gain > *g) {
-                    found = Some((gain, model));
+                    found = Some((gain, model()));
                 }
             };
             for s in standing.scores(fitter, f, &self.library) {
@@ -219,16 +219,17 @@ impl Selection {
                     if other_effects.contains(&a.effect) {
                         continue;
                     }
-                    let mut model = remove(&f.model, part);
-                    model.active.push(a.clone());
-                    consider(&s, LIBRARY_BONUS, model);
+                    consider(&s, LIBRARY_BONUS, &|| {
+                        let mut model = remove(&f.model, part);
+                        model.active.push(a.clone());
+                        model
+                    });
                 }
             }
-            if matches!(part, Part::Effect(_)) || matches!(part, Part::Extra(_)) {
-                for s in standing.scores(fitter, f, &self.generic) {
-                    let model = with_extra(fitter, &remove(&f.model, part), &[], &self.generic, &s);
-                    consider(&s, 0.0, model);
-                }
+            for s in standing.scores(fitter, f, &self.generic) {
+                consider(&s, 0.0, &|| {
+                    with_extra(fitter, &remove(&f.model, part), &[], &self.generic, &s)
+                });
             }
         }
         found.map(|(_, model)| model)

@@ -131,6 +131,8 @@ impl Rod {
     }
 }
 
+/// Captures that see more of the rim than this show its lobes.
+const WHOLE_DEG: f64 = 240.0;
 /// Edge points of a planned capture.
 const PLANNED_POINTS: i32 = 24;
 /// C angles of planned captures.
@@ -278,6 +280,23 @@ fn circle(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, f64)> {
     Some((mean + centre, radius2.sqrt()))
 }
 
+/// How much of the rim the middle one of the captures sees, degrees.
+fn seen_deg(angles: &[f64], capture: &[usize], captures: usize) -> f64 {
+    let mut by_capture = vec![Vec::new(); captures];
+    angles.iter().zip(capture).for_each(|(a, g)| by_capture[*g].push(a.to_degrees()));
+    let mut seen: Vec<f64> = by_capture
+        .into_iter()
+        .filter(|a| a.len() > 1)
+        .map(|mut a| {
+            a.sort_by(f64::total_cmp);
+            let round = 360.0 - (a[a.len() - 1] - a[0]);
+            360.0 - a.windows(2).map(|w| w[1] - w[0]).fold(round, f64::max)
+        })
+        .collect();
+    seen.sort_by(f64::total_cmp);
+    seen.get(seen.len() / 2).copied().unwrap_or(0.0)
+}
+
 fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     let points = values.len();
     let normals: Vec<Vector2<f64>> =
@@ -320,7 +339,11 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         Direction { name: "radius", factors: vec![1.0; points] },
     ];
     let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
-    let random = vec![wave(1.0), vec![vec![1.0; points]], wave(2.0), wave(3.0)];
+    let mut random = vec![wave(1.0), vec![vec![1.0; points]]];
+    if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
+        // On a short arc lobes cannot be told from a shift of the capture.
+        random.extend([wave(2.0), wave(3.0)]);
+    }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
     for column in [c_deg, &data.dir_x, &data.dir_y] {
         if !column.is_empty() {
