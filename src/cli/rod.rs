@@ -5,10 +5,10 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::{Global, Outcome, result};
-use crate::camera::Calibration;
+use crate::camera::{Calibration, Identity};
 use crate::draw;
 use crate::error::Result;
-use crate::frame::{Channel, Picture};
+use crate::frame::Channel;
 use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
@@ -39,6 +39,18 @@ pub struct Args {
     overlay: Option<PathBuf>,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output<'r> {
+    /// What it was measured with.
+    calibration: Identity,
+    /// The overlays written.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    overlays: Vec<PathBuf>,
+    #[serde(flatten)]
+    report: &'r Report,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let options = Options {
@@ -47,18 +59,20 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         channel: args.channel,
         ..Options::default()
     };
-    let calibration = Calibration::read(&args.calib)?;
+    let (calibration, identity) = Calibration::identified(&args.calib)?;
     let captures = read_captures(&args.captures)?;
     let measured = rod::measure(&captures, &calibration, &options)?;
     if let Some(path) = &args.points {
         write_whole(path, points_csv(&captures, &measured).as_bytes())?;
     }
-    if let Some(folder) = &args.overlay {
-        overlays(folder, &captures, &calibration, &measured, args.channel)?;
-    }
+    let overlays = match &args.overlay {
+        Some(folder) => overlays(folder, &captures, &calibration, &measured, args.channel)?,
+        None => Vec::new(),
+    };
     let report = &measured.report;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let json = result("rod", &args.captures, &report.warnings, report);
+    let output = Output { calibration: identity, overlays, report };
+    let json = result("rod", &args.captures, &report.warnings, &output);
     Ok(Outcome::good(Document::single(json, table(report))))
 }
 
@@ -69,19 +83,20 @@ fn overlays(
     calibration: &Calibration,
     measured: &Measured,
     channel: Channel,
-) -> Result<()> {
+) -> Result<Vec<PathBuf>> {
     create_folder(folder)?;
-    let mut taken = HashSet::new();
-    for (index, capture) in captures.iter().enumerate() {
+    let (mut taken, mut paths) = (HashSet::new(), Vec::new());
+    let drawn = draw::rod_captures(captures, calibration, measured, channel)?;
+    for (index, (capture, png)) in captures.iter().zip(drawn).enumerate() {
         let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
         let mut name = format!("{stem}.overlay.png");
         if !taken.insert(name.clone()) {
             name = format!("{stem}-{}.overlay.png", index + 1);
         }
-        let frame = Picture::read(&capture.path)?.into_frame(channel);
-        write_whole(folder.join(name), &draw::rod(&frame, calibration, measured, index)?)?;
+        paths.push(folder.join(name));
+        write_whole(&paths[index], &png)?;
     }
-    Ok(())
+    Ok(paths)
 }
 
 fn table(r: &Report) -> String {

@@ -2,6 +2,7 @@
 
 pub mod burn;
 pub mod circles;
+mod concentric;
 mod marks;
 pub mod ring;
 pub mod rod;
