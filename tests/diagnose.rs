@@ -262,3 +262,20 @@ fn a_bad_effects_file_is_told_where() {
     let said = String::from_utf8_lossy(&run(&DIAGNOSE, folder).stderr).into_owned();
     assert!(said.contains("B in the head and C in the table"), "{said}");
 }
+
+/// Burn tests have no baseline to fit: the model may be empty.
+#[test]
+fn burns_with_nothing_wrong_are_consistent() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut csv = String::from("height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n");
+    for k in 0..60 {
+        let wave = |f: f64| 0.002 * ((k * k) as f64 * f).sin();
+        let (height, b) = (10 * (1 + k % 5), 30 * (k * 7 % 7) - 90);
+        writeln!(csv, "{height},{},{b},{},{},{}", 100 * (1 + k % 3), 40 * k, wave(1.7), wave(2.3))
+            .unwrap();
+    }
+    std::fs::write(folder.join("burn.csv"), csv).unwrap();
+    let report = json(&["diagnose", "burn", "--data", "burn.csv", "--format", "json"], folder);
+    assert_eq!(report["verdict"], "consistent", "{report}");
+}

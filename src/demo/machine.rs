@@ -17,8 +17,6 @@ pub const BURN_HEIGHTS_MM: [f64; 2] = [50.0, 3.0];
 pub const NOZZLE_RIM_MM: f64 = 2.5;
 /// Standard deviation of one contact reading.
 pub const CONTACT_U_MM: f64 = 0.001;
-/// How far the check rod's rim strays from a circle.
-pub const ROD_FORM_RMS_MM: f64 = 0.0005;
 /// C angles at which the rod is photographed; contacts are made at the first.
 pub const C_ANGLES_DEG: [f64; 3] = [0.0, 120.0, 240.0];
 
@@ -35,8 +33,6 @@ pub struct VirtualMachine {
     pub axis_mm: [f64; 3],
     /// The check rod's diameter.
     pub rod_diameter_mm: f64,
-    /// How far the rod's rim strays from a circle.
-    pub rod_form_rms_mm: f64,
     /// How far the rod sits beside the C axis, and in which direction at C = 0.
     pub eccentricity: (f64, f64),
     rng: ChaCha8Rng,
@@ -62,17 +58,7 @@ impl VirtualMachine {
         let rod_diameter_mm = rng.random_range(15.995..16.005);
         let eccentricity =
             (rng.random_range(0.01..0.04), rng.random_range(0.0..std::f64::consts::TAU));
-        Self {
-            beam,
-            delta_x_mm,
-            r_mm,
-            axis_mm,
-            rod_diameter_mm,
-            rod_form_rms_mm: ROD_FORM_RMS_MM,
-            eccentricity,
-            rng,
-            seed,
-        }
+        Self { beam, delta_x_mm, r_mm, axis_mm, rod_diameter_mm, eccentricity, rng, seed }
     }
 
     /// Burns ring and spot on a plate and photographs them.
@@ -95,16 +81,15 @@ impl VirtualMachine {
     }
 
     /// Photographs the check rod's rim, four times at each C angle.
-    pub fn photograph_rod(&self, c_deg: &[f64]) -> Result<RenderedRod> {
+    pub fn photograph_rod(&self) -> Result<RenderedRod> {
         let mut scene = RodScene::preset(Preset::Typical)?;
         scene.camera = scene.camera.binned(2);
         scene.rod.chamfer_mm = 0.0.into();
-        scene.rod.form_rms_mm = self.rod_form_rms_mm.into();
         scene.rod.diameter_mm = self.rod_diameter_mm.into();
         scene.axis.center_mm = [self.axis_mm[0].into(), self.axis_mm[1].into()];
         scene.axis.eccentricity_mm = self.eccentricity.0.into();
         scene.axis.eccentricity_deg = self.eccentricity.1.to_degrees().into();
-        scene.captures.c_deg = c_deg.to_vec();
+        scene.captures.c_deg = C_ANGLES_DEG.to_vec();
         scene.captures.per_angle = 4.0.into();
         scene.captures.position_noise_mm = 0.0003.into();
         rod::render(&scene, self.seed)

@@ -179,7 +179,7 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
     for (direction, d) in layout.directions.iter().enumerate() {
         for (variable, v) in layout.variables.iter().enumerate() {
             // A place in the frame moves the edge only along the edge's normal.
-            if v.within && d.name != "radius" && layout.random.len() > 1 {
+            if v.within && d.name != "radius" && !layout.random.is_empty() {
                 continue;
             }
             for shape in shapes(&v.values, v.angle) {

@@ -24,10 +24,13 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
         let rows = fitter.space.rows_of(&out);
         let (w, r) = (white.select_rows(&rows), residual.select_rows(&rows));
         let left = &information - w.tr_mul(&w);
-        let mut step = left
-            .svd(true, true)
-            .solve(&(&along - w.tr_mul(&r)), 1e-12)
-            .unwrap_or_else(|_| DMatrix::zeros(scale.len(), 1));
+        let mut step = match scale.len() {
+            0 => DMatrix::zeros(0, 1),
+            n => {
+                let solved = left.svd(true, true).solve(&(&along - w.tr_mul(&r)), 1e-12);
+                solved.unwrap_or_else(|_| DMatrix::zeros(n, 1))
+            }
+        };
         step.iter_mut().zip(&scale).for_each(|(v, s)| *v /= s);
         let predicted = &fitted.tangent * step;
         for (i, &g) in layout.groups.iter().enumerate() {

@@ -339,10 +339,10 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         Direction { name: "radius", factors: vec![1.0; points] },
     ];
     let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
-    let mut random = vec![wave(1.0), vec![vec![1.0; points]]];
+    let mut random = vec![wave(1.0)];
     if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
-        // On a short arc lobes cannot be told from a shift of the capture.
-        random.extend([wave(2.0), wave(3.0)]);
+        // On a short arc radius and lobes cannot be told from a shift of the capture.
+        random.extend([vec![vec![1.0; points]], wave(2.0), wave(3.0)]);
     }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
     for column in [c_deg, &data.dir_x, &data.dir_y] {
