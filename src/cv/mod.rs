@@ -12,7 +12,7 @@ use with as door;
 #[cfg(not(feature = "opencv"))]
 use without as door;
 
-pub use door::{built_in, calibrate, detect};
+pub use door::{Video, built_in, calibrate, detect};
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 

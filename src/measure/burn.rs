@@ -142,7 +142,8 @@ pub fn measure(
     let (width, height) = picture.size();
     let view = calibration.view(width, height)?;
     let attempt = |channel: Channel| {
-        let (ring, spot, warnings) = marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
+        let (ring, spot, warnings) =
+            marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
         Ok(report(ring, spot, options, channel, warnings))
     };
     let spread = |m: &Measured| m.report.offset_u95_mm[0].hypot(m.report.offset_u95_mm[1]);

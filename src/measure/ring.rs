@@ -178,7 +178,18 @@ pub fn measure(
             + (fitted.circle.radius - guess.radius).abs())
             / pixel;
         guess = fitted.circle;
-        if std::env::var("DBG").is_ok() { eprintln!("  round c {:.1} {:.1} r {:.1} scale {:.2} usable {} soft {:.1} search {:?}", view.to_pixel(guess.center).x, view.to_pixel(guess.center).y, guess.radius/pixel, fitted.scale/pixel, points.usable.iter().filter(|u| **u).count(), points.located.step.softness_px, search); }
+        if std::env::var("DBG").is_ok() {
+            eprintln!(
+                "  round c {:.1} {:.1} r {:.1} scale {:.2} usable {} soft {:.1} search {:?}",
+                view.to_pixel(guess.center).x,
+                view.to_pixel(guess.center).y,
+                guess.radius / pixel,
+                fitted.scale / pixel,
+                points.usable.iter().filter(|u| **u).count(),
+                points.located.step.softness_px,
+                search
+            );
+        }
         let softness = points.located.step.softness_px;
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)

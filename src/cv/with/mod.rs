@@ -2,9 +2,11 @@
 
 mod board;
 mod lens;
+mod video;
 
 pub use board::detect;
 pub use lens::calibrate;
+pub use video::Video;
 
 use opencv::boxed_ref::BoxedRef;
 use opencv::core::Mat;
