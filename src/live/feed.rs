@@ -47,12 +47,7 @@ pub struct Feed {
 
 enum Inner {
     Stored(Box<dyn Source>, Stats),
-    Live {
-        shared: Arc<Shared>,
-        stop: Arc<AtomicBool>,
-        thread: Option<JoinHandle<()>>,
-        since: Instant,
-    },
+    Live { shared: Arc<Shared>, stop: Arc<AtomicBool>, thread: Option<JoinHandle<()>> },
 }
 
 #[derive(Default)]
@@ -67,6 +62,9 @@ struct State {
     stats: Stats,
     /// Lost and back again, in order, not yet reported.
     news: Vec<Event>,
+    /// When the last picture came (or the source was opened), and how often its silence has been reported since.
+    last: Option<Instant>,
+    reported: u32,
 }
 
 impl Shared {
@@ -91,7 +89,7 @@ impl Feed {
                     .name("pictures".into())
                     .spawn(move || keep_reading(&*open, &theirs, &flag))
                     .map_err(|e| Error::io("thread", "create", e))?;
-                Inner::Live { shared, stop, thread: Some(thread), since: Instant::now() }
+                Inner::Live { shared, stop, thread: Some(thread) }
             }
         };
         Ok(Self { inner })
@@ -127,24 +125,24 @@ impl Feed {
                 }
                 None => Event::Ended,
             }),
-            Inner::Live { shared, since, .. } => {
-                let start = Instant::now();
+            Inner::Live { shared, .. } => {
                 let mut state = shared.state.lock().unwrap_or_else(PoisonError::into_inner);
                 loop {
                     if !state.news.is_empty() {
                         return Ok(state.news.remove(0));
                     }
                     if let Some((shot, at)) = state.newest.take() {
-                        *since = at;
                         return Ok(Event::Shot(shot, at));
                     }
-                    let waited = start.elapsed();
-                    if waited >= STALL {
-                        return Ok(Event::Stalled(since.elapsed()));
+                    let silent = state.last.get_or_insert_with(Instant::now).elapsed();
+                    let patience = STALL * (state.reported + 1);
+                    if silent >= patience {
+                        state.reported += 1;
+                        return Ok(Event::Stalled(silent));
                     }
                     state = shared
                         .changed
-                        .wait_timeout(state, STALL - waited)
+                        .wait_timeout(state, patience - silent)
                         .unwrap_or_else(PoisonError::into_inner)
                         .0;
                 }
@@ -187,7 +185,9 @@ fn keep_reading(open: &Open, shared: &Shared, stop: &Arc<AtomicBool>) {
                             }
                             fresh = false;
                             s.stats.received += 1;
-                            let old = s.newest.replace((shot, Instant::now()));
+                            let now = Instant::now();
+                            (s.last, s.reported) = (Some(now), 0);
+                            let old = s.newest.replace((shot, now));
                             s.stats.dropped += u64::from(old.is_some());
                         }),
                         Ok(None) => break "the stream has ended".to_owned(),

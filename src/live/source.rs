@@ -26,6 +26,9 @@ impl Shot {
             Self::Plain(gray) => Ok(Frame::Eight(gray.clone())),
             Self::Encoded(bytes, path) => {
                 let name = path.clone().unwrap_or_else(|| PathBuf::from("frame"));
+                if jpeg::is_cut_short(bytes) {
+                    return Err(Error::file(name, "is cut short", "wait for the next picture"));
+                }
                 match jpeg::luma(bytes) {
                     Some(gray) => Ok(Frame::Eight(gray)),
                     None => Ok(Picture::decode(name, bytes)?.into_frame(Channel::Auto)),
