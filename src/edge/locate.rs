@@ -91,8 +91,14 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         return None;
     }
     let wide = 100.0 * range * range;
-    let mut priors =
-        vec![Prior { level: (0.0, wide), gain: (1.0, 100.0), stretch: (0.0, 1e-4) }; n];
+    let far = (profiles.band.inside_px + profiles.band.outside_px).powi(2);
+    let nothing = Prior {
+        level: (0.0, wide),
+        gain: (1.0, 100.0),
+        stretch: (0.0, 1e-4),
+        shift: (0.0, 100.0 * far),
+    };
+    let mut priors = vec![nothing; n];
     let mut matches: Vec<Match> = Vec::new();
     let mut noise = Noise::white((0.05 * range).powi(2), template.values.len());
     let curve = Curve::new(n, closed);
@@ -104,7 +110,11 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                     return NO_MATCH;
                 }
                 let start = match matches.get(s) {
-                    Some(m) if m.shift_variance.is_finite() => m.shift,
+                    Some(m) if m.shift_variance.is_finite() => {
+                        let (mean, variance) = priors[s].shift;
+                        let astray = (m.shift - mean).powi(2) > variance;
+                        if astray { mean } else { m.shift }
+                    }
                     _ => search(&sectors[s], &template, profiles),
                 };
                 fit_sector(&sectors[s], &template, edge_px, priors[s], &noise, start, profiles)
@@ -144,15 +154,16 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         }
     }
     let step = template.edge();
+    if std::env::var("DBGT").is_ok() { eprintln!("T noise {:.2} {:?} step {:?} start {:.1} dx {:.2}: {:?}", noise.pixel2.sqrt(), (noise.dbg()), step, template.start_px, template.step_px, template.values.iter().map(|v| (v*10.0).round()/10.0).collect::<Vec<_>>()); }
     let points: Vec<EdgePoint> = matches
         .iter()
         .zip(&alive)
         .zip(&profiles.angle_rad)
         .map(|((m, &a), &angle_rad)| EdgePoint {
             angle_rad,
-            distance_px: step.distance_px + m.shift,
-            variance_px2: m.shift_variance * (0.5 * m.misfit).max(1.0),
-            usable: a > 0.0,
+            distance_px: step.distance_px + m.measured.0,
+            variance_px2: m.measured.1 * (0.5 * m.misfit).max(1.0),
+            usable: a > 0.0 && m.measured.1 < far,
         })
         .collect();
     let coverage = alive.iter().sum::<f64>() / n as f64;
@@ -216,8 +227,17 @@ fn update_priors(
     } else {
         beyond(stretch_sd, median(&of(|m| m.stretch_variance), alive), 1e-6)
     };
+    // Wide enough for any real wander, but not for another edge.
+    let known: Vec<f64> = alive
+        .iter()
+        .zip(matches)
+        .map(|(a, m)| if m.measured.1.is_finite() { *a } else { 0.0 })
+        .collect();
+    let (shifts, shift_sd, _) = curve.fit_order(2, &of(|m| m.measured.0), &known);
+    let shift_variance = (3.0 * shift_sd).powi(2).max(1e-6);
     for (s, prior) in priors.iter_mut().enumerate() {
         *prior = Prior {
+            shift: (shifts[s], shift_variance),
             level: (levels[s], level_variance),
             gain: (gains[s], gain_variance),
             stretch: (0.0, stretch_variance),
@@ -243,6 +263,7 @@ fn rebuild(
     let n = template.values.len();
     let mut sum = vec![0.0; n];
     let mut weight = vec![0.0; n];
+    let mut pixels = vec![0.0; n];
     for (s, bins) in sectors.iter().enumerate() {
         if alive[s] == 0.0 {
             continue;
@@ -264,11 +285,14 @@ fn rebuild(
             let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
             sum[i] += w * (y - slope * (place - node) * template.step_px);
             weight[i] += w;
+            pixels[i] += b.count;
         }
     }
     let mut last = template.values[0];
+    // Nodes that hardly any pixel falls on keep their neighbour's value.
+    let least = 0.1 * pixels.iter().sum::<f64>() / n as f64;
     for i in 0..n {
-        if weight[i] > 0.0 {
+        if weight[i] > 0.0 && pixels[i] > least {
             last = sum[i] / weight[i];
         }
         template.values[i] = last;

@@ -39,6 +39,7 @@ impl Noise {
         self.pixel2 / bin.count + self.shape2[node]
     }
 
+    pub(super) fn dbg(&self)->(f64,f64,f64){(self.share,self.length_px,self.shape2.iter().sum::<f64>()/self.shape2.len() as f64)}
     /// A filter for one profile.
     pub(super) fn filter(&self) -> Filter {
         Filter::new(self.share, self.length_px)

@@ -15,6 +15,8 @@ pub(super) struct Match {
     pub(super) gain_variance: f64,
     pub(super) stretch_variance: f64,
     pub(super) misfit: f64,
+    /// The shift as the profile alone has it, without its prior, and its variance.
+    pub(super) measured: (f64, f64),
 }
 
 impl Match {
@@ -45,6 +47,7 @@ pub(super) struct Prior {
     pub(super) level: (f64, f64),
     pub(super) gain: (f64, f64),
     pub(super) stretch: (f64, f64),
+    pub(super) shift: (f64, f64),
 }
 
 pub(super) const NO_MATCH: Match = Match {
@@ -57,6 +60,7 @@ pub(super) const NO_MATCH: Match = Match {
     level_variance: f64::INFINITY,
     gain_variance: f64::INFINITY,
     misfit: f64::INFINITY,
+    measured: (0.0, f64::INFINITY),
 };
 
 /// One bin of a profile.
@@ -131,7 +135,8 @@ pub(super) fn fit_sector(
             normal += x * x.transpose();
             right += x * row[4];
         }
-        for (i, (mean, variance)) in [(0, prior.level), (1, prior.gain), (3, prior.stretch)] {
+        let held = [prior.level, prior.gain, prior.shift, prior.stretch];
+        for (i, (mean, variance)) in held.into_iter().enumerate() {
             normal[(i, i)] += 1.0 / variance;
             right[i] += (mean - p[i]) / variance;
         }
@@ -166,5 +171,16 @@ pub(super) fn fit_sector(
         shift_variance: inverse[(2, 2)],
         stretch_variance: inverse[(3, 3)],
         misfit: misfit / (bins.len() as f64 - 4.0).max(1.0),
+        measured: without((p[2], inverse[(2, 2)]), prior.shift),
     }
+}
+
+/// An estimate with its prior taken out again. The prior only leads the search to the right place: what is
+/// measured there is the profile's own.
+fn without((value, variance): (f64, f64), (mean, width): (f64, f64)) -> (f64, f64) {
+    let information = 1.0 / variance - 1.0 / width;
+    if information * variance < 1e-3 {
+        return (value, f64::INFINITY);
+    }
+    ((value / variance - mean / width) / information, 1.0 / information)
 }

@@ -82,14 +82,22 @@ impl Template {
         }
     }
 
-    /// The strongest edge as a step: the levels either side, where it crosses the middle between them, and its
+    /// The strongest edge near distance 0 as a step: the levels either side, where it crosses the middle between them, and its
     /// softness (standard deviation of the Gaussian with the same peak slope).
     pub fn edge(&self) -> Step {
         let n = self.values.len();
         let slope: Vec<f64> =
             (0..n).map(|i| self.at(self.start_px + self.step_px * i as f64).1).collect();
-        let peak = (1..n.saturating_sub(1))
-            .max_by(|&a, &b| slope[a].abs().total_cmp(&slope[b].abs()))
+        // Of edges about as strong, the one nearest to where it is expected; the ends of the profile are no edges.
+        let end_px = self.start_px + self.step_px * (n - 1) as f64;
+        let strength = |i: usize| {
+            let distance_px = self.start_px + self.step_px * i as f64;
+            let reach_px = if distance_px < 0.0 { self.start_px } else { end_px };
+            slope[i].abs() * (1.0 - 0.7 * (distance_px / reach_px).powi(2))
+        };
+        let margin = (n / 16).max(1);
+        let peak = (margin..n.saturating_sub(margin))
+            .max_by(|&a, &b| strength(a).total_cmp(&strength(b)))
             .unwrap_or(0);
         let sign = slope[peak].signum();
         let floor = 0.04 * slope[peak].abs();

@@ -162,8 +162,15 @@ fn grid(rows: &Rows, known: Option<&Wander>) -> Wander {
     // Mostly as the longer edge says, with some room for this one to differ.
     let room = 0.2;
     own.iter_mut().for_each(|k| k.2 *= room);
-    let told =
-        known.kernels.iter().filter(|k| k.2 > 1e-3 && k.1 < 2.0 * extent && k.1 > 0.5 * spacing);
+    // Wander as long as the edge itself cannot be told from its place and size: it would make both meaningless.
+    let longest = |kernel: Kernel| match kernel {
+        Kernel::Exponential => 0.5 * extent,
+        Kernel::Gaussian => 0.25 * extent,
+    };
+    let fits = |k: &&(Kernel, f64, f64)| {
+        k.2 > 1e-3 && k.1 < longest(k.0) && k.1 > 0.5 * spacing
+    };
+    let told = known.kernels.iter().filter(fits);
     own.extend(told.map(|&(kernel, length, p)| (kernel, length, p * (1.0 - room))));
     Wander { white: 0.5 * room + (known.white + 1e-3) * (1.0 - room), kernels: own }
 }

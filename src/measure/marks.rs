@@ -13,7 +13,7 @@ use crate::measure::ring::{self, Ring, Search};
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
 /// A circle's own form (rms) may be this part of its radius: a burn may be ragged, a glare's border is no circle.
-const MOST_FORM: f64 = 0.12;
+const MOST_FORM: f64 = 0.1;
 
 /// Ring, spot and what a user should know.
 pub(super) type Marks = (Ring, Ring, Vec<String>);
@@ -220,6 +220,7 @@ fn measure_spot(
         softness_px: spot.softness_px.max(1.5),
     };
     let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    if std::env::var("DBG").is_ok() {eprintln!("  spot cover {:.2} form {:.4} R {:.3}", spot.arc_coverage, spot.form_rms_mm, spot.circle.radius);}
     let plausible = is_circle(&spot, 0.5)
         && spot.circle.radius < 0.6 * ring.circle.radius
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius

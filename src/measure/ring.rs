@@ -246,7 +246,9 @@ fn finish(
     let fit = correlated::fit(&rows, known)?;
     let step = Vector2::new(fit.beta[0], fit.beta[1]);
     let center = about.center + step;
-    let form = fit.residuals.norm_squared() / fit.residuals.len() as f64;
+    // Faint sectors are noise more than form: they count by what they know.
+    let known: f64 = rows.variance.iter().map(|v| 1.0 / v).sum();
+    let form = fit.residuals.iter().zip(&rows.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     // A blurred disc's half level lies σ²/2R inside its rim.
     let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
