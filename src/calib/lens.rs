@@ -436,7 +436,7 @@ fn doubts(
                     _ => 2,
                 };
                 // As far out as the points reach: beyond that the warning above holds.
-                (0.5, u95 * reached.powi(power) * lens.fx_px)
+                (2.0, u95 * reached.powi(power) * lens.fx_px)
             }
         };
         if effect_px > limit {

@@ -9,6 +9,7 @@ use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
 use crate::frame::{Channel, Picture};
+use crate::measure::cross::{self, Opinion};
 use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
@@ -37,6 +38,9 @@ pub struct Args {
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Ask OpenCV for a second opinion on the same pictures (needs it built in)
+    #[arg(long)]
+    cross_check: bool,
 }
 
 /// Runs the command.
@@ -49,17 +53,45 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let calibration = Calibration::read(&args.calib)?;
     let captures = read_captures(&args.captures)?;
-    let measured = rod::measure(&captures, &calibration, &options)?;
+    let mut measured = rod::measure(&captures, &calibration, &options)?;
     if let Some(path) = &args.points {
         write_whole(path, points_csv(&captures, &measured).as_bytes())?;
     }
     if let Some(folder) = &args.overlay {
         overlays(folder, &captures, &calibration, &measured, args.channel)?;
     }
-    let report = &measured.report;
+    let opinions = match args.cross_check {
+        true => Some(second_opinion(&captures, &calibration, &measured, args.channel)?),
+        false => None,
+    };
+    let report = &mut measured.report;
+    report.warnings.extend(opinions.iter().flatten().filter_map(Opinion::warning));
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let json = result("rod", &args.captures, &report.warnings, report);
-    Ok(Outcome::good(Document::single(json, table(report))))
+    let mut json = result("rod", &args.captures, &report.warnings, report);
+    let mut words = table(report);
+    if let Some(opinions) = opinions {
+        opinions.iter().for_each(|o| words.push_str(&format!("{}\n", o.line())));
+        json["cross_check"] = serde_json::json!(opinions);
+    }
+    Ok(Outcome::good(Document::single(json, words)))
+}
+
+/// OpenCV's opinion on the rod.
+fn second_opinion(
+    captures: &[Capture],
+    calibration: &Calibration,
+    measured: &Measured,
+    channel: Channel,
+) -> Result<Vec<Opinion>> {
+    let frames = captures
+        .iter()
+        .map(|c| {
+            let frame = Picture::read(&c.path)?.into_frame(channel);
+            let view = calibration.view(frame.width(), frame.height())?;
+            Ok((frame, view))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    cross::rod(&frames, captures, measured)
 }
 
 /// One picture a capture, numbered as in the table where a name comes twice.

@@ -2,8 +2,10 @@
 
 use std::path::Path;
 
+use nalgebra::Vector2;
+
 use crate::calib::target::Target;
-use crate::cv::{BoardView, Detection, Distortion, LensFit};
+use crate::cv::{BoardView, Detection, Distortion, Ellipse, LensFit};
 use crate::error::{Error, Result};
 use crate::frame::Gray;
 
@@ -28,6 +30,16 @@ pub fn detect(_: &Gray<u8>, _: &Target) -> Result<Option<Detection>> {
 /// Needs OpenCV.
 pub fn calibrate(_: &[BoardView], _: (u32, u32), _: Distortion) -> Result<LensFit> {
     Err(missing("calib camera"))
+}
+
+/// Needs OpenCV.
+pub fn contours(_: &Gray<u8>, _: f64, _: f64) -> Result<Vec<Vec<Vector2<f64>>>> {
+    Err(missing("--cross-check"))
+}
+
+/// Needs OpenCV.
+pub fn fit_ellipse(_: &[Vector2<f64>]) -> Result<Option<Ellipse>> {
+    Err(missing("--cross-check"))
 }
 
 /// Cannot be: opening one is an error.

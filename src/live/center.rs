@@ -384,8 +384,9 @@ impl Average {
         let scatter = self.squares / (n - 1.0);
         let factor = k95(n - 1.0);
         self.own.zip_map(&scatter, |own, s| {
-            // What of a frame's uncertainty does not show as scatter is the same in every frame.
-            ((own - K95 * K95 * s).max(0.0) + factor * factor * s / n).sqrt()
+            // What of a frame's uncertainty does not show as scatter is the same in every frame; a tenth of it at least,
+            // since what shows as scatter is itself not known well.
+            ((own - K95 * K95 * s).max(0.1 * own) + factor * factor * s / n).sqrt()
         })
     }
 

@@ -2,6 +2,7 @@
 
 pub mod burn;
 pub mod circles;
+pub mod cross;
 mod marks;
 pub mod ring;
 pub mod rod;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use opencv::core::{AlgorithmHint, Mat};
+use opencv::core::Mat;
 use opencv::{imgproc, prelude::*, videoio};
 
 use super::failed;
@@ -33,7 +33,8 @@ impl Video {
     /// Opens a video file.
     pub fn file(path: &Path) -> Result<Self> {
         let name = path.to_string_lossy();
-        let capture = videoio::VideoCapture::from_file(&name, videoio::CAP_ANY).map_err(failed)?;
+        let capture =
+            videoio::VideoCapture::from_file(name.as_ref(), videoio::CAP_ANY).map_err(failed)?;
         Self::opened(capture, || {
             Error::file(
                 path,
@@ -62,13 +63,7 @@ impl Video {
         let gray = if self.picture.channels() == 1 {
             &self.picture
         } else {
-            imgproc::cvt_color(
-                &self.picture,
-                &mut self.gray,
-                imgproc::COLOR_BGR2GRAY,
-                0,
-                AlgorithmHint::ALGO_HINT_DEFAULT,
-            )?;
+            imgproc::cvt_color(&self.picture, &mut self.gray, imgproc::COLOR_BGR2GRAY, 0)?;
             &self.gray
         };
         let (width, height) = (gray.cols() as usize, gray.rows() as usize);
