@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, thiserror::Error)]
 pub enum Error {
     /// The operating system refused to read or write a file.
-    #[error("{}: cannot {action}: {source}", path.display())]
+    #[error("{}: cannot {action}: {source}; {fix}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -14,6 +14,8 @@ pub enum Error {
         action: &'static str,
         /// The system's own words.
         source: std::io::Error,
+        /// What to do.
+        fix: String,
     },
     /// A file could be read, but what it holds is not usable as a whole.
     #[error("{}: {reason}; {fix}", path.display())]
@@ -61,13 +63,69 @@ pub enum Error {
     },
 }
 
+/// What helps against a system error.
+fn remedy(path: &Path, error: &std::io::Error) -> String {
+    use std::io::ErrorKind::{
+        FileTooLarge, IsADirectory, NotFound, PermissionDenied, QuotaExceeded, StorageFull,
+    };
+    match error.kind() {
+        NotFound => missing(path),
+        PermissionDenied => "ask for the rights to it, or give another name".into(),
+        IsADirectory => "give a file, this is a folder".into(),
+        StorageFull | QuotaExceeded | FileTooLarge => "make room, then run this again".into(),
+        _ => "see that the disk is well, then run this again".into(),
+    }
+}
+
+/// The first part of a path that is not there, and what is there that is written nearly the same.
+fn missing(path: &Path) -> String {
+    let whole = path.ancestors().take_while(|p| !p.as_os_str().is_empty());
+    let Some(gone) = whole.filter(|p| !p.exists()).last() else {
+        return "correct the path".into();
+    };
+    let beside = gone.parent().unwrap_or(Path::new(""));
+    let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
+    let wanted = gone.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let names = std::fs::read_dir(folder).into_iter().flatten().take(MOST_NAMES).flatten();
+    let nearest = names
+        .map(|entry| entry.file_name().to_string_lossy().into_owned())
+        .map(|name| (edits(&wanted, &name.to_lowercase()), name))
+        .min();
+    match nearest {
+        Some((edits, name)) if edits <= 1 + wanted.chars().count() / 4 => {
+            format!("did you mean '{}'?", beside.join(name).display())
+        }
+        _ if gone != path => format!("there is no '{}'; correct the path", gone.display()),
+        _ => "correct the path".into(),
+    }
+}
+
+/// Names of a folder that are looked at for a likely one.
+const MOST_NAMES: usize = 10_000;
+
+/// Letters to insert, delete or replace to make one word of the other (Levenshtein).
+fn edits(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, y) in b.iter().enumerate() {
+            let replaced = diagonal + usize::from(x != *y);
+            diagonal = row[j + 1];
+            row[j + 1] = replaced.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
 /// Shorthand used everywhere.
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
     /// A system error on `path` while trying to `action`.
     pub fn io(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {
-        Self::Io { path: path.as_ref().to_owned(), action, source }
+        let path = path.as_ref();
+        Self::Io { path: path.to_owned(), action, fix: remedy(path, &source), source }
     }
 
     /// A file that is unusable as a whole.

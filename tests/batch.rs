@@ -177,7 +177,12 @@ fn a_dry_run_measures_nothing_and_a_full_disk_loses_nothing() {
         binary.display()
     );
     let status = Command::new("bash").current_dir(dir).args(["-c", &script]).output().unwrap();
-    assert_eq!(status.status.code(), Some(2), "{}", String::from_utf8_lossy(&status.stderr));
+    let message = String::from_utf8_lossy(&status.stderr).into_owned();
+    assert_eq!(status.status.code(), Some(2), "{message}");
+    assert!(
+        message.contains("results.jsonl: cannot write") && message.contains("--resume"),
+        "{message}"
+    );
     assert_eq!(batch(dir, "out", &["--resume"]).status().unwrap().code(), Some(0));
     batch(dir, "whole", &[]).status().unwrap();
     assert_eq!(files(dir, "out"), files(dir, "whole"));
@@ -200,4 +205,59 @@ fn a_watched_folder_is_measured_while_a_camera_fills_it() {
     std::fs::write(&half, &bytes).unwrap();
     assert_eq!(child.wait().unwrap().code(), Some(0));
     assert!(row("z.png"));
+}
+
+#[test]
+fn overlays_are_drawn_on_request_and_are_there_whenever_their_row_is() {
+    let dir = workshop(4);
+    let dir = dir.path();
+    let job = std::fs::read_to_string(dir.join("job.toml")).unwrap();
+    std::fs::write(dir.join("job.toml"), format!("overlay = true\n{job}")).unwrap();
+    let drawn = |out: &str| -> Vec<Vec<u8>> {
+        let one = |i: usize| dir.join(out).join(format!("overlays/p000{i}.png.png"));
+        (0..4).map(|i| std::fs::read(one(i)).unwrap()).collect()
+    };
+    batch(dir, "one", &["--threads", "1"]).status().unwrap();
+    let whole = (files(dir, "one"), drawn("one"));
+    assert!(image::load_from_memory(&whole.1[0]).unwrap().width() >= 120);
+    // A run cut off after two rows draws the others' overlays again.
+    let lines = std::fs::read_to_string(dir.join("one/results.jsonl")).unwrap();
+    assert!(lines.contains("\"overlays\":[\"overlays/p0000.png.png\"]"), "{lines}");
+    let cut: String = lines.split_inclusive('\n').take(2).collect();
+    std::fs::write(dir.join("one/results.jsonl"), cut).unwrap();
+    std::fs::remove_file(dir.join("one/overlays/p0003.png.png")).unwrap();
+    batch(dir, "one", &["--resume"]).status().unwrap();
+    batch(dir, "four", &["--threads", "4"]).status().unwrap();
+    assert!((files(dir, "one"), drawn("one")) == whole);
+    assert!((files(dir, "four"), drawn("four")) == whole);
+}
+
+#[test]
+fn a_rod_job_measures_tables_of_captures() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::create_dir(dir.join("in")).unwrap();
+    let rods = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/rod-typical");
+    let table = std::fs::read_to_string(rods.join("rod-0001.csv")).unwrap();
+    let absolute = table.replace("rod-0001-", &format!("{}/rod-0001-", rods.display()));
+    for name in ["a.csv", "b.csv"] {
+        std::fs::write(dir.join("in").join(name), &absolute).unwrap();
+    }
+    std::fs::write(dir.join("in/wrong.csv"), "image,x_mm\nnone.png,1\n").unwrap();
+    let job = format!(
+        "schema = 1\ncalib = '{}'\noverlay = true\n[measure.rod]\n[limits]\ndiameter_mm = {{ min = 18.0, max = 19.0 }}\n",
+        rods.join("calib.toml").display()
+    );
+    std::fs::write(dir.join("job.toml"), job).unwrap();
+    assert_eq!(batch(dir, "one", &["--threads", "1"]).status().unwrap().code(), Some(3));
+    assert_eq!(batch(dir, "two", &["--threads", "2"]).status().unwrap().code(), Some(3));
+    assert!(files(dir, "one") == files(dir, "two"));
+    let lines = std::fs::read_to_string(dir.join("one/results.jsonl")).unwrap();
+    let rows: Vec<serde_json::Value> =
+        lines.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+    assert_eq!(rows[0]["verdict"], "pass");
+    assert_eq!(rows[0]["axis_center_mm"], rows[1]["axis_center_mm"]);
+    assert_eq!(rows[0]["overlays"].as_array().unwrap().len(), 6);
+    assert!(dir.join("one/overlays/b.csv-6.png").is_file());
+    assert!(rows[2]["reason"].as_str().is_some_and(|r| r.contains("y_mm")), "{}", rows[2]);
 }

@@ -83,8 +83,13 @@ fn a_report_is_one_page_that_needs_nothing_else() {
     ok(dir, &["solve", "session.toml", "--format", "json", "--out", "solve.json"]);
     ok(dir, &["report", "solve.json", "--title", "Cell <3>"]);
     let page = std::fs::read_to_string(dir.join("solve.html")).unwrap();
-    for word in ["Cell &lt;3&gt;", "class=\"verdict", "delta x, mm", "What to do next", "U (95 %)"]
-    {
+    for word in [
+        "Cell &lt;3&gt;",
+        "class=\"verdict",
+        "ΔX, B axis to optical axis, mm",
+        "What to do next",
+        "U (95 %)",
+    ] {
         assert!(page.contains(word), "{word} is missing");
     }
     for outside in ["src=\"http", "href=\"http", "@import", "<script"] {
@@ -175,4 +180,120 @@ fn the_projects_own_pictures_measure_as_their_truth_says() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     let xml = std::fs::read_to_string(dir.path().join(junit)).unwrap();
     assert!(xml.contains("tests=\"5\" failures=\"0\""), "{xml}");
+}
+
+/// Headless Chromium's view of a page: its document after loading, and its width in the window.
+fn browser(page: &Path, more: &[&str]) -> Option<Output> {
+    let names = ["chromium", "chromium-browser", "google-chrome"];
+    let profile = tempfile::tempdir().unwrap();
+    names.iter().find_map(|name| {
+        Command::new(name)
+            .args([
+                "--headless",
+                "--no-sandbox",
+                "--disable-gpu",
+                "--disable-background-networking",
+                "--disable-component-update",
+                "--disable-sync",
+                "--window-size=900,1200",
+            ])
+            .arg(format!("--user-data-dir={}", profile.path().display()))
+            .args(more)
+            .arg(format!("file://{}", page.display()))
+            .output()
+            .ok()
+    })
+}
+
+#[test]
+fn reports_stand_in_a_browser_and_print_on_a4() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let burns = root.join("images/burn-clean");
+    let [calib, session] = [burns.join("calib.toml"), root.join("calib/session.toml")];
+    let picture = burns.join("burn-0001.png");
+    let [calib, session, picture] = [&calib, &session, &picture].map(|p| p.to_str().unwrap());
+    let burn = run(
+        dir,
+        &[
+            "burn",
+            picture,
+            "--calib",
+            calib,
+            "--overlay",
+            "o",
+            "--format",
+            "json",
+            "--out",
+            "burn.json",
+        ],
+    );
+    assert_eq!(burn.status.code(), Some(1));
+    ok(dir, &["solve", session, "--format", "json", "--out", "solve.json"]);
+    std::fs::write(
+        dir.join("job.toml"),
+        format!("schema = 1\ncalib = '{calib}'\noverlay = true\n[measure.burn]\n"),
+    )
+    .unwrap();
+    run(dir, &["batch", picture, "--job", "job.toml", "--out", "batch"]);
+    for result in ["burn.json", "solve.json", "batch"] {
+        ok(dir, &["report", result, "--quiet"]);
+    }
+    let expected: [(&str, &[&str]); 3] = [
+        (
+            "burn.html",
+            &["FAIL", "Uncertainty budget", "edge of the spot", "days: last changed", "Turn B by"],
+        ),
+        ("solve.html", &["PASS", "ΔX, B axis to optical axis", "touch X1", "rod parallel to Z"]),
+        (
+            "batch/summary.html",
+            &["FAIL", "Pictures to look at", "burn-0001.png", "Out of limits: 1"],
+        ),
+    ];
+    for (name, words) in expected {
+        let page = dir.join(name);
+        let text = std::fs::read_to_string(&page).unwrap();
+        let loads = ["http://", "https://", "src=\"o/", "<link", "<script"];
+        assert!(
+            !loads.iter().any(|l| text.replace("http://www.w3.org/", "").contains(l)),
+            "{name}"
+        );
+        // A script put into a copy tells what the browser made of the page.
+        let probe = "<script>addEventListener('load', () => { const d = document; d.title = JSON.stringify({ \
+             wide: d.documentElement.scrollWidth - innerWidth, \
+             broken: [...d.images].filter(i => !i.naturalWidth).length, \
+             pictures: d.images.length, words: d.body.innerText.length }) })</script></body>";
+        let copy = dir.join("probe.html");
+        std::fs::write(&copy, text.replace("</body>", probe)).unwrap();
+        let Some(shown) = browser(&copy, &["--virtual-time-budget=3000", "--dump-dom"]) else {
+            println!("chromium is not installed: the pages were not looked at in a browser");
+            return;
+        };
+        let dom = String::from_utf8_lossy(&shown.stdout).into_owned();
+        let title =
+            dom.split("<title>").nth(1).and_then(|t| t.split("</title>").next()).unwrap_or("");
+        let seen: serde_json::Value = serde_json::from_str(&title.replace("&quot;", "\""))
+            .unwrap_or_else(|e| panic!("{name}: {e}: {title}"));
+        assert!(
+            seen["wide"].as_i64().is_some_and(|w| w <= 0),
+            "{name} is wider than the window: {seen}"
+        );
+        assert_eq!(seen["broken"], 0, "{name}");
+        assert!(
+            seen["pictures"].as_i64() >= Some(i64::from(name != "solve.html")),
+            "{name}: {seen}"
+        );
+        words.iter().for_each(|w| assert!(dom.contains(w), "{name} does not say {w}"));
+        let pdf = dir.join("page.pdf");
+        browser(&page, &["--no-pdf-header-footer", &format!("--print-to-pdf={}", pdf.display())]);
+        let pdf = std::fs::read(&pdf).unwrap();
+        let pdf = String::from_utf8_lossy(&pdf);
+        // A4 in points, rounded as the browser does.
+        assert!(
+            pdf.contains("/MediaBox [0 0 594.95996 841.91998]")
+                || pdf.contains("/MediaBox [0 0 595"),
+            "{name}"
+        );
+    }
 }

@@ -7,12 +7,12 @@ use serde_json::{Map, Value};
 
 use super::input::{Item, Kind};
 use super::limits::{self, Limit, Limits};
-use super::run::Measured;
+use super::run::{Measured, Overlay};
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::Picture;
-use crate::measure::{burn, circles};
-use crate::{hash, tomlfile};
+use crate::measure::{burn, circles, rod};
+use crate::{draw, hash, tomlfile};
 
 /// A job as its file states it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -24,6 +24,9 @@ pub struct Job {
     pub measure: Method,
     /// The calibration file, seen from the job file's folder.
     pub calib: PathBuf,
+    /// Whether pictures of what was measured are drawn.
+    #[serde(default)]
+    pub overlay: bool,
     /// Limits by key of the result.
     #[serde(default)]
     pub limits: Limits,
@@ -40,6 +43,8 @@ pub enum Method {
     Burn(burn::Options),
     /// `pivotsight circles`.
     Circles(circles::Options),
+    /// `pivotsight rod`: each item is a table of captures.
+    Rod(rod::Options),
 }
 
 /// A job with its calibration read, ready to measure.
@@ -89,7 +94,10 @@ impl Job {
 
     /// What the job is fed with.
     pub fn kind(&self) -> Kind {
-        Kind::Pictures
+        match self.measure {
+            Method::Burn(_) | Method::Circles(_) => Kind::Pictures,
+            Method::Rod(_) => Kind::Tables,
+        }
     }
 
     /// The command that measures one picture the same way.
@@ -97,6 +105,7 @@ impl Job {
         match self.measure {
             Method::Burn(_) => "burn",
             Method::Circles(_) => "circles",
+            Method::Rod(_) => "rod",
         }
     }
 
@@ -110,6 +119,7 @@ impl Job {
         match &self.measure {
             Method::Burn(options) => burn::check(options)?,
             Method::Circles(options) => circles::check(options)?,
+            Method::Rod(options) => rod::check(options)?,
         }
         let path = self.calib_path();
         Ok(Prepared {
@@ -131,26 +141,71 @@ impl Prepared<'_> {
         let bytes = match std::fs::read(&item.path) {
             Ok(bytes) => bytes,
             Err(e) => {
-                return Measured { sha256: None, result: Err(Error::io(&item.path, "read", e)) };
+                let result = Err(Error::io(&item.path, "read", e));
+                return Measured { sha256: None, result, overlays: Vec::new() };
             }
         };
-        Measured { sha256: Some(hash::of_bytes(&bytes)), result: self.result(item, &bytes) }
+        let sha256 = Some(hash::of_bytes(&bytes));
+        match self.report(item, &bytes) {
+            Ok((report, overlays)) => {
+                Measured { sha256, result: self.judged(item, report), overlays }
+            }
+            Err(e) => Measured { sha256, result: Err(e), overlays: Vec::new() },
+        }
     }
 
-    fn result(&self, item: &Item, bytes: &[u8]) -> Result<Map<String, Value>> {
+    /// The measurement's own report, and its overlays where the job asks for them.
+    fn report(&self, item: &Item, bytes: &[u8]) -> Result<(Value, Vec<Overlay>)> {
         let own = item.calib.as_ref().map(Calibration::read).transpose()?;
         let calibration = own.as_ref().unwrap_or(&self.calibration);
-        let picture = Picture::decode(&item.path, bytes)?;
-        let name = &item.name;
+        let (name, wanted) = (&item.name, self.job.overlay);
+        let mut overlays = Vec::new();
         let report = match &self.job.measure {
             Method::Burn(options) => {
-                serde_json::to_value(burn::measure(&picture, calibration, options, name)?.report)
+                let picture = Picture::decode(&item.path, bytes)?;
+                let measured = burn::measure(&picture, calibration, options, name)?;
+                if wanted {
+                    let png = draw::burn(&picture, calibration, &measured, name)?;
+                    overlays.push((overlay_stem(name) + ".png", png));
+                }
+                serde_json::to_value(measured.report)
             }
             Method::Circles(options) => {
-                serde_json::to_value(circles::measure(&picture, calibration, options, name)?.report)
+                let picture = Picture::decode(&item.path, bytes)?;
+                let measured = circles::measure(&picture, calibration, options, name)?;
+                if wanted {
+                    let png = draw::circles(&picture, calibration, &measured, name)?;
+                    overlays.push((overlay_stem(name) + ".png", png));
+                }
+                serde_json::to_value(measured.report)
+            }
+            Method::Rod(options) => {
+                let captures = rod::read_captures(&item.path)?;
+                let measured = rod::measure(&captures, calibration, options)?;
+                if wanted {
+                    let channel = options.channel;
+                    let drawn = draw::rod_captures(&captures, calibration, &measured, channel)?;
+                    let name = |i: usize| format!("{}-{}.png", overlay_stem(name), i + 1);
+                    overlays.extend(drawn.into_iter().enumerate().map(|(i, png)| (name(i), png)));
+                }
+                serde_json::to_value(measured.report)
             }
         };
-        let Ok(Value::Object(mut result)) = report else { return Ok(Map::new()) };
+        let report = report.map_err(|e| {
+            Error::measure(
+                name,
+                format!("the report cannot be written as JSON: {e}"),
+                "report this",
+            )
+        })?;
+        Ok((report, overlays))
+    }
+
+    /// The report's keys with the verdicts of the job's limits.
+    fn judged(&self, item: &Item, report: Value) -> Result<Map<String, Value>> {
+        let Value::Object(mut result) = report else { return Ok(Map::new()) };
+        // A list whose order changes from row to row is no column.
+        result.shift_remove("budget");
         if !self.job.limits.is_empty() {
             let judged = limits::judge(&self.job.limits, &result).map_err(|key| {
                 Error::measure(
@@ -165,5 +220,13 @@ impl Prepared<'_> {
             result.insert("verdict".into(), serde_json::to_value(verdict).unwrap_or_default());
         }
         Ok(result)
+    }
+}
+
+/// How an item's overlays are called: as the item, and where it lies in another folder also by its whole path.
+fn overlay_stem(name: &str) -> String {
+    match Path::new(name).file_name().map(|file| file.to_string_lossy()) {
+        Some(file) if file != name => format!("{file}-{}", &hash::of_bytes(name.as_bytes())[..8]),
+        _ => name.to_owned(),
     }
 }

@@ -104,8 +104,16 @@ impl Journal {
         verdict: Option<Verdict>,
     ) -> Result<()> {
         let text = format!("{line}\n");
-        let error = |e| Error::io(&self.path, "write", e);
-        self.file.write_all(text.as_bytes()).map_err(error)?;
+        let error = |e| {
+            let fix = "make room, then go on with --resume: nothing measured is lost";
+            Error::file(&self.path, format!("cannot write: {e}"), fix)
+        };
+        if let Err(e) = self.file.write_all(text.as_bytes()) {
+            // No other thread may write behind half a line.
+            let _ = self.file.set_len(self.end);
+            let _ = self.file.seek(SeekFrom::Start(self.end));
+            return Err(error(e));
+        }
         if self.synced.elapsed() >= SYNC_EVERY {
             self.file.sync_data().map_err(error)?;
             self.synced = Instant::now();

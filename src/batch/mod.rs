@@ -2,7 +2,7 @@
 //! number of threads.
 //!
 //! A batch's folder holds `batch.json` (what was asked), `results.jsonl` (a line a picture, written as results
-//! come, sorted at the end), `results.csv`, `results.parquet`, and `summary.json`.
+//! come, sorted at the end), `results.csv`, `results.parquet`, `summary.json`, and `overlays` where the job asks for them.
 
 pub mod input;
 pub mod job;
@@ -109,8 +109,16 @@ fn run_with(
     progress: &(dyn Fn(Progress) + Sync),
 ) -> Result<Summary> {
     let out = &options.out;
+    if options.watch.is_none() {
+        // What holds nothing to measure is refused before anything is made.
+        input::list(&options.input, kind)?;
+    }
     create_folder(out)?;
     claim(options, identity)?;
+    let overlays = out.join(run::OVERLAYS);
+    if identity["job"]["overlay"] == true {
+        create_folder(&overlays)?;
+    }
     let mut journal = Journal::open(out.join("results.jsonl"))?;
     if options.retry_failed {
         journal.forget(|entry| entry.failed);
@@ -131,7 +139,7 @@ fn run_with(
                 .filter(|item| settling.is_complete(&item.path))
                 .collect();
             if !ready.is_empty() {
-                run::run(&ready, &journal, threads, measure, progress)?;
+                run::run(&ready, &overlays, &journal, threads, measure, progress)?;
                 finish(options, &items, &journal, before)?;
                 last = Instant::now();
             } else if watch.idle.is_some_and(|idle| last.elapsed() >= idle) {
@@ -141,7 +149,7 @@ fn run_with(
         }
     } else {
         items = input::list(&options.input, kind)?;
-        run::run(&pending(&items, &journal), &journal, threads, measure, progress)?;
+        run::run(&pending(&items, &journal), &overlays, &journal, threads, measure, progress)?;
     }
     let summary = finish(options, &items, &journal, before)?;
     let mut journal = journal.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -291,7 +299,7 @@ mod tests {
                 .cloned()
                 .unwrap_or_default()),
         };
-        Measured { sha256: None, result }
+        Measured { sha256: None, result, overlays: Vec::new() }
     }
 
     fn go(

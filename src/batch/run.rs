@@ -1,6 +1,7 @@
 //! Measures what is pending on all cores and writes each result into the journal as it comes.
 
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -10,7 +11,11 @@ use serde_json::{Map, Value};
 use super::input::Item;
 use super::journal::{Journal, Status};
 use crate::error::{Error, Result};
+use crate::output::write_whole;
 use crate::uncertainty::Verdict;
+
+/// The folder of overlays in a batch's folder.
+pub const OVERLAYS: &str = "overlays";
 
 /// One item's measurement, or why there is none.
 #[derive(Debug)]
@@ -19,7 +24,12 @@ pub struct Measured {
     pub sha256: Option<String>,
     /// The keys of the result.
     pub result: Result<Map<String, Value>>,
+    /// Pictures of what was measured.
+    pub overlays: Vec<Overlay>,
 }
+
+/// A picture's file name and its PNG bytes.
+pub type Overlay = (String, Vec<u8>);
 
 /// How far a batch has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,10 +42,11 @@ pub struct Progress {
     pub total: usize,
 }
 
-/// Measures `items` and appends a line for each. A panic while measuring is that item's failure; a journal
-/// that cannot be written stops the batch.
+/// Measures `items` and appends a line for each, once its overlays are in `overlays`. A panic while measuring is that
+/// item's failure; what cannot be written stops the batch.
 pub fn run(
     items: &[&Item],
+    overlays: &Path,
     journal: &Mutex<Journal>,
     threads: usize,
     measure: &(dyn Fn(&Item) -> Measured + Sync),
@@ -50,12 +61,16 @@ pub fn run(
             let measured = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| measure(item)))
                 .unwrap_or_else(|_| Measured {
                     sha256: None,
+                    overlays: Vec::new(),
                     result: Err(Error::measure(
                         &item.name,
                         "the measurement broke off inside the program",
                         "report this picture as a bug",
                     )),
                 });
+            for (name, png) in &measured.overlays {
+                write_whole(overlays.join(name), png)?;
+            }
             let failed = measured.result.is_err();
             let (line, verdict) = row(item, measured);
             // A poisoned lock only says that another thread panicked; the journal itself stays whole.
@@ -85,6 +100,10 @@ fn row(item: &Item, measured: Measured) -> (String, Option<Verdict>) {
     row.insert("reason".into(), reason.into());
     let verdict = result.get("verdict").and_then(|v| serde_json::from_value(v.clone()).ok());
     row.insert("verdict".into(), serde_json::to_value(verdict).unwrap_or_default());
+    if !measured.overlays.is_empty() {
+        let names = measured.overlays.iter().map(|(name, _)| format!("{OVERLAYS}/{name}"));
+        row.insert("overlays".into(), names.collect());
+    }
     for (key, value) in result {
         row.entry(key).or_insert(value);
     }

@@ -245,6 +245,16 @@ impl Calibration {
         toml::to_string(&file).unwrap_or_default()
     }
 
+    /// As [`Calibration::view`]; the error names the picture too.
+    pub fn view_of(&self, picture: &str, width_px: usize, height_px: usize) -> Result<View> {
+        self.view(width_px, height_px).map_err(|e| match e {
+            Error::Measure { subject, reason, fix } => {
+                Error::measure(format!("{picture}: {subject}"), reason, fix)
+            }
+            other => other,
+        })
+    }
+
     /// The mapping for frames of this size; an error where the calibration was made for another size.
     pub fn view(&self, width_px: usize, height_px: usize) -> Result<View> {
         if let Mapping::Pinhole { lens, .. } = &self.mapping

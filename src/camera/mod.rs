@@ -1,7 +1,9 @@
 //! The camera: its calibration file and the mapping between pixels and the measuring plane.
 
 mod calibration;
+mod identity;
 mod view;
 
 pub use calibration::{Calibration, Laser, Lens, Mapping};
+pub use identity::Identity;
 pub use view::View;

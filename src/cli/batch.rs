@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use super::{Global, Outcome, Status, history, result};
 use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
+use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
 
@@ -47,8 +48,17 @@ pub struct Args {
 #[serde(untagged)]
 #[allow(dead_code)] // Only described.
 pub enum Output {
-    Done(Summary),
+    Done(Done),
     Plan(Plan),
+}
+
+/// What was measured.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Done {
+    /// What it was measured with.
+    calibration: Identity,
+    #[serde(flatten)]
+    summary: Summary,
 }
 
 /// What would be measured.
@@ -96,7 +106,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let bar = Bar::new(global);
     let summary = batch::run(&job, &options, &|p| bar.show(p))?;
     bar.end();
-    let json = result("batch", &args.input, &[], &summary);
+    let (_, calibration) = Calibration::identified(job.calib_path())?;
+    let done = Done { calibration, summary };
+    let json = result("batch", &args.input, &[], &done);
+    let summary = done.summary;
     write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
     if let Some(path) = &global.records {
         let rows = batch::rows(&options.out)?;

@@ -81,8 +81,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         near_mm,
     };
     burn::check(&options)?;
-    let calibration = Calibration::read(&args.calib)?;
-    pictures::run("burn", &args.images, args.overlay.as_deref(), global, |image| {
+    let (calibration, identity) = Calibration::identified(&args.calib)?;
+    let overlay = args.overlay.as_deref();
+    pictures::run("burn", &args.images, &identity, overlay, global, |image| {
         let subject = image.display().to_string();
         let picture = Picture::read(image)?;
         let measured = burn::measure(&picture, &calibration, &options, &subject)?;

@@ -41,8 +41,9 @@ pub struct Args {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let options = Options { expect_mm: args.expect_mm.clone(), channel: args.channel };
     circles::check(&options)?;
-    let calibration = Calibration::read(&args.calib)?;
-    pictures::run("circles", &args.images, args.overlay.as_deref(), global, |image| {
+    let (calibration, identity) = Calibration::identified(&args.calib)?;
+    let overlay = args.overlay.as_deref();
+    pictures::run("circles", &args.images, &identity, overlay, global, |image| {
         let subject = image.display().to_string();
         let picture = Picture::read(image)?;
         let measured = circles::measure(&picture, &calibration, &options, &subject)?;

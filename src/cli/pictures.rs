@@ -7,6 +7,7 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::{Global, Outcome, Status, envelope};
+use crate::camera::Identity;
 use crate::error::{Error, Result};
 use crate::measure::cross::Opinion;
 use crate::output::{Document, create_folder, write_whole};
@@ -18,7 +19,7 @@ use crate::output::{Document, create_folder, write_whole};
 pub enum Pictures<R> {
     One(Picture<R>),
     Failed(Failed),
-    Several { results: Vec<Entry<R>> },
+    Several { calibration: Identity, results: Vec<Entry<R>> },
 }
 
 /// One of several.
@@ -36,8 +37,17 @@ pub enum Entry<R> {
 pub struct Picture<R> {
     /// The picture's file.
     image: String,
+    /// The overlay written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    overlay: Option<PathBuf>,
+    /// What it was measured with; stands beside `results` where there are several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    calibration: Option<Identity>,
     #[serde(flatten)]
     report: R,
+    /// OpenCV's second opinion, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_check: Option<Vec<Opinion>>,
 }
 
 /// A picture that could not be measured.
@@ -79,6 +89,7 @@ impl Shown {
 pub fn run(
     command: &str,
     images: &[PathBuf],
+    calibration: &Identity,
     overlay: Option<&Path>,
     global: &Global,
     job: impl Fn(&Path) -> Result<Shown> + Sync,
@@ -90,7 +101,9 @@ pub fn run(
     let one = |(image, name): (&PathBuf, &String)| -> Result<Shown> {
         let mut shown = job(image)?;
         if let (Some(folder), Some(png)) = (overlay, shown.overlay.take()) {
-            write_whole(folder.join(name), &png)?;
+            let path = folder.join(name);
+            write_whole(&path, &png)?;
+            shown.keys.shift_insert(0, "overlay".into(), json!(path));
         }
         Ok(shown)
     };
@@ -98,10 +111,10 @@ pub fn run(
     if let [image] = images {
         let shown = results.remove(0)?;
         shown.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-        let document = Document::single(entry(command, image, &shown), shown.table);
+        let document = Document::single(entry(command, image, calibration, &shown), shown.table);
         return Ok(Outcome { document: Some(document), status: status(shown.good) });
     }
-    Ok(several(command, images, &results, global))
+    Ok(several(command, images, calibration, &results, global))
 }
 
 fn status(good: bool) -> Status {
@@ -109,9 +122,10 @@ fn status(good: bool) -> Status {
 }
 
 /// A picture's result as it is printed on its own.
-fn entry(command: &str, image: &Path, shown: &Shown) -> Value {
+fn entry(command: &str, image: &Path, calibration: &Identity, shown: &Shown) -> Value {
     let mut json = envelope(command, image, &shown.warnings);
     json.insert("image".into(), json!(image));
+    json.insert("calibration".into(), json!(calibration));
     json.extend(shown.keys.clone());
     Value::Object(json)
 }
@@ -119,6 +133,7 @@ fn entry(command: &str, image: &Path, shown: &Shown) -> Value {
 fn several(
     command: &str,
     images: &[PathBuf],
+    calibration: &Identity,
     results: &[Result<Shown>],
     global: &Global,
 ) -> Outcome {
@@ -128,7 +143,7 @@ fn several(
         match result {
             Ok(shown) => {
                 good &= shown.good;
-                rows.push(entry(command, image, shown));
+                rows.push(entry(command, image, calibration, shown));
                 warnings.extend(shown.warnings.iter().map(|w| format!("{}: {w}", image.display())));
                 table.push_str(&shown.table);
             }
@@ -145,6 +160,7 @@ fn several(
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let mut json = envelope(command, images, &warnings);
+    json.insert("calibration".into(), json!(calibration));
     let results: Vec<Value> = rows.iter().map(own_keys).collect();
     json.insert("results".into(), results.into());
     let status = match failed {
@@ -159,7 +175,9 @@ fn several(
 fn own_keys(row: &Value) -> Value {
     let mut row = row.clone();
     if let Value::Object(map) = &mut row {
-        ["schema", "version", "input"].iter().for_each(|key| drop(map.shift_remove(*key)));
+        ["schema", "version", "input", "calibration"]
+            .iter()
+            .for_each(|key| drop(map.shift_remove(*key)));
     }
     row
 }

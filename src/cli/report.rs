@@ -1,14 +1,14 @@
 //! `pivotsight report`: a result as a page.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
 use super::{Global, Outcome, Status};
-use crate::clock;
 use crate::error::{Error, Result};
 use crate::output::write_whole;
 use crate::report::{self, Options};
+use crate::{batch, clock};
 
 /// Make one self-contained HTML page of a result (print it from any browser, on A4)
 #[derive(Debug, clap::Args)]
@@ -38,11 +38,14 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             "give what a command wrote with --format json",
         )
     })?;
+    let rows = if args.result.is_dir() { worth_a_look(&args.result)? } else { Vec::new() };
     let options = Options {
         title: args.title.clone(),
         pictures: args.pictures.clone(),
         calib: args.calib.clone(),
         now: clock::now(),
+        base: path.parent().unwrap_or(Path::new("")).to_owned(),
+        rows,
     };
     let page = report::page(&result, &options)?;
     let out = global.out.clone().unwrap_or_else(|| path.with_extension("html"));
@@ -50,3 +53,25 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     global.say(format!("wrote {}", out.display()));
     Ok(Outcome { document: None, status: Status::Good })
 }
+
+/// The first rows of a batch that were not measured or not passed.
+fn worth_a_look(folder: &Path) -> Result<Vec<Value>> {
+    let good = |row: &Value| {
+        row.get("status").is_some_and(|s| s == "measured")
+            && row.get("verdict").is_none_or(|v| v == "pass" || v.is_null())
+    };
+    let mut list = Vec::new();
+    for row in batch::rows(folder)? {
+        let row = row?;
+        if !good(&row) {
+            list.push(row);
+        }
+        if list.len() == MAX_ROWS {
+            break;
+        }
+    }
+    Ok(list)
+}
+
+/// Rows of a batch shown on its page; all are in the tables.
+const MAX_ROWS: usize = 50;

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::{Global, Outcome, result};
-use crate::camera::Calibration;
+use crate::camera::{Calibration, Identity};
 use crate::draw;
 use crate::error::Result;
 use crate::frame::{Channel, Picture};
@@ -43,6 +43,21 @@ pub struct Args {
     cross_check: bool,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output<'r> {
+    /// What it was measured with.
+    calibration: Identity,
+    /// The overlays written.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    overlays: Vec<PathBuf>,
+    #[serde(flatten)]
+    report: &'r Report,
+    /// OpenCV's second opinion, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_check: Option<Vec<Opinion>>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let options = Options {
@@ -51,28 +66,28 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         channel: args.channel,
         ..Options::default()
     };
-    let calibration = Calibration::read(&args.calib)?;
+    let (calibration, identity) = Calibration::identified(&args.calib)?;
     let captures = read_captures(&args.captures)?;
     let mut measured = rod::measure(&captures, &calibration, &options)?;
     if let Some(path) = &args.points {
         write_whole(path, points_csv(&captures, &measured).as_bytes())?;
     }
-    if let Some(folder) = &args.overlay {
-        overlays(folder, &captures, &calibration, &measured, args.channel)?;
-    }
-    let opinions = match args.cross_check {
+    let overlays = match &args.overlay {
+        Some(folder) => overlays(folder, &captures, &calibration, &measured, args.channel)?,
+        None => Vec::new(),
+    };
+    let cross_check = match args.cross_check {
         true => Some(second_opinion(&captures, &calibration, &measured, args.channel)?),
         false => None,
     };
+    let opinions = || cross_check.iter().flatten();
     let report = &mut measured.report;
-    report.warnings.extend(opinions.iter().flatten().filter_map(Opinion::warning));
+    report.warnings.extend(opinions().filter_map(Opinion::warning));
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = result("rod", &args.captures, &report.warnings, report);
     let mut words = table(report);
-    if let Some(opinions) = opinions {
-        opinions.iter().for_each(|o| words.push_str(&format!("{}\n", o.line())));
-        json["cross_check"] = serde_json::json!(opinions);
-    }
+    opinions().for_each(|o| words.push_str(&format!("{}\n", o.line())));
+    let output = Output { calibration: identity, overlays, report, cross_check };
+    let json = result("rod", &args.captures, &output.report.warnings, &output);
     Ok(Outcome::good(Document::single(json, words)))
 }
 
@@ -101,19 +116,20 @@ fn overlays(
     calibration: &Calibration,
     measured: &Measured,
     channel: Channel,
-) -> Result<()> {
+) -> Result<Vec<PathBuf>> {
     create_folder(folder)?;
-    let mut taken = HashSet::new();
-    for (index, capture) in captures.iter().enumerate() {
+    let (mut taken, mut paths) = (HashSet::new(), Vec::new());
+    let drawn = draw::rod_captures(captures, calibration, measured, channel)?;
+    for (index, (capture, png)) in captures.iter().zip(drawn).enumerate() {
         let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
         let mut name = format!("{stem}.overlay.png");
         if !taken.insert(name.clone()) {
             name = format!("{stem}-{}.overlay.png", index + 1);
         }
-        let frame = Picture::read(&capture.path)?.into_frame(channel);
-        write_whole(folder.join(name), &draw::rod(&frame, calibration, measured, index)?)?;
+        paths.push(folder.join(name));
+        write_whole(&paths[index], &png)?;
     }
-    Ok(())
+    Ok(paths)
 }
 
 fn table(r: &Report) -> String {

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 use super::pictures::Pictures;
 use super::{Outcome, render};
 use crate::error::{Error, Result};
-use crate::measure::{burn, circles, rod};
+use crate::measure::{burn, circles};
 use crate::output::Document;
 use crate::{align, ballbar, demo, rotary, rtcp, thermal};
 
@@ -38,7 +38,7 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("regress", |g| g.root_schema_for::<super::regress::Output>()),
     ("render-burn", |g| g.root_schema_for::<render::Output<render::Burn>>()),
     ("render-rod", |g| g.root_schema_for::<render::Output<render::Rod>>()),
-    ("rod", |g| g.root_schema_for::<rod::Report>()),
+    ("rod", |g| g.root_schema_for::<super::rod::Output>()),
     ("rotary", |g| g.root_schema_for::<rotary::Report>()),
     ("rtcp", |g| g.root_schema_for::<super::rtcp::Output>()),
     ("simulate", |g| g.root_schema_for::<super::simulate::Output>()),

@@ -16,7 +16,7 @@ use crate::rtcp::export::Control;
 use crate::rtcp::plan;
 use crate::rtcp::sweep::{Size, Sweep, predict};
 use crate::rtcp::verify::{Options, figure, verify};
-use crate::uncertainty::{K95, Verdict};
+use crate::uncertainty::{Contribution, K95, Verdict, budget};
 
 /// Compares a measured RTCP sweep with the machine model, or suggests the sweep to measure
 #[derive(Debug, clap::Args)]
@@ -80,6 +80,8 @@ pub struct Compared {
     tolerance_mm: f64,
     /// Of `worst_mm` of what is judged.
     verdict: Verdict,
+    /// What contributes how much to the uncertainty of a deviation.
+    budget: Vec<Contribution>,
     /// The plot written.
     plot: Option<PathBuf>,
     /// Pose by pose.
@@ -189,6 +191,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         worst_u95_mm: K95 * args.noise_mm,
         tolerance_mm: args.tolerance_mm,
         verdict: report.verdict,
+        budget: budget("worst_mm", [("reading of a deviation (--noise-mm)", args.noise_mm)]),
         plot: plot.clone(),
         rows: list.collect(),
     };

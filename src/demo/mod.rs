@@ -234,6 +234,7 @@ mod tests {
             diameter_u95_mm: 0.0,
             form_rms_mm: 0.0,
             captures: Vec::new(),
+            budget: Vec::new(),
             warnings: Vec::new(),
         }
     }

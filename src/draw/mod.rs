@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use crate::camera::{Calibration, View};
 use crate::error::Result;
 use crate::fit::Circle;
-use crate::frame::{Frame, Picture};
+use crate::frame::{Channel, Frame, Picture};
 use crate::live::center;
 use crate::measure::burn::{self, ToleranceKind};
 use crate::measure::{circles, ring::Ring, rod};
@@ -133,6 +133,20 @@ pub fn center(frame: &Frame, view: &View, ring: &Ring, now: &center::Report) -> 
         legend(None),
     ];
     sheet.finish(&headline, &lines)
+}
+
+/// The overlays of all captures of a rod as PNG, in their order; the pictures are read again.
+pub fn rod_captures(
+    captures: &[rod::Capture],
+    calibration: &Calibration,
+    measured: &rod::Measured,
+    channel: Channel,
+) -> Result<Vec<Vec<u8>>> {
+    let one = |(index, capture): (usize, &rod::Capture)| {
+        let frame = Picture::read(&capture.path)?.into_frame(channel);
+        rod(&frame, calibration, measured, index)
+    };
+    captures.iter().enumerate().map(one).collect()
 }
 
 /// The overlay of one capture of the rod as PNG: the common circle over the arc that this capture shows.

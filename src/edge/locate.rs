@@ -154,7 +154,6 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         }
     }
     let step = template.edge();
-    if std::env::var("DBGT").is_ok() { eprintln!("T noise {:.2} {:?} step {:?} start {:.1} dx {:.2}: {:?}", noise.pixel2.sqrt(), (noise.dbg()), step, template.start_px, template.step_px, template.values.iter().map(|v| (v*10.0).round()/10.0).collect::<Vec<_>>()); }
     let points: Vec<EdgePoint> = matches
         .iter()
         .zip(&alive)

@@ -14,6 +14,7 @@ mod sector;
 mod template;
 
 pub use contour::Contour;
+pub(crate) use contour::wrap;
 pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
 pub use scan::{Band, Profiles, scan, scan_frame};
 pub use template::Template;

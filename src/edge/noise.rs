@@ -39,7 +39,6 @@ impl Noise {
         self.pixel2 / bin.count + self.shape2[node]
     }
 
-    pub(super) fn dbg(&self)->(f64,f64,f64){(self.share,self.length_px,self.shape2.iter().sum::<f64>()/self.shape2.len() as f64)}
     /// A filter for one profile.
     pub(super) fn filter(&self) -> Filter {
         Filter::new(self.share, self.length_px)
@@ -101,7 +100,7 @@ impl Noise {
     ) {
         let used: Vec<usize> = (0..sectors.len()).filter(|&s| alive[s] > 0.0).collect();
         // A few dozen sectors know as much of the texture as all of them.
-        let every = used.len().div_ceil(72).max(1);
+        let every = used.len().div_ceil(30).max(1);
         let rows: Vec<Vec<(f64, [f64; WIDTH])>> = used
             .iter()
             .step_by(every)

@@ -40,13 +40,16 @@ pub struct Profiles {
 const CLIPS: [f32; 8] = [255.0, 1023.0, 4095.0, 16383.0, 65472.0, 65520.0, 65532.0, 65535.0];
 
 impl Profiles {
+    /// The value at which the camera clips, where any pixel of the band is there.
+    pub fn clip(&self) -> Option<f32> {
+        CLIPS.iter().any(|c| (self.top - c).abs() <= 1e-4 * c).then_some(self.top)
+    }
+
     /// Takes out what glare has clipped: bins at the top value, with a margin, where most sectors are not.
     pub fn mask_glare(&mut self) {
         const MARGIN: usize = 3;
-        if !CLIPS.iter().any(|c| (self.top - c).abs() <= 1e-4 * c) {
-            return;
-        }
-        let clipped = |i: usize| self.count[i] > 0.0 && self.value[i] >= self.top * (1.0 - 1e-4);
+        let Some(top) = self.clip() else { return };
+        let clipped = |i: usize| self.count[i] > 0.0 && self.value[i] >= top * (1.0 - 1e-4);
         let (bins, sectors) = (self.bins, self.sectors());
         let mut masked = vec![false; self.count.len()];
         for b in 0..bins {

@@ -48,17 +48,28 @@ pub struct Candidate {
     pub score: f64,
 }
 
+/// Hints that are followed to a circle, best first: a busy picture has hundreds.
+const MOST_FOLLOWED: usize = 48;
+
 /// Circles in the picture, best first.
 pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
+    let mut hints: Vec<rays::Hint> = votes::centers(look, options)
+        .into_iter()
+        .flat_map(|center| rays::hints(look, center, options))
+        .collect();
+    hints.sort_by(|a, b| b.agreement.total_cmp(&a.agreement));
     let mut found: Vec<Candidate> = Vec::new();
-    for center in votes::centers(look, options) {
-        for candidate in rays::circles_about(look, center, options) {
-            let twin = found.iter_mut().find(|c| same(c, &candidate));
-            match twin {
-                Some(old) if old.score < candidate.score => *old = candidate,
-                Some(_) => {}
-                None => found.push(candidate),
-            }
+    let mut followed = 0;
+    for hint in &hints {
+        let Some(candidate) = rays::follow(look, hint, options, &found) else { continue };
+        match found.iter_mut().find(|c| same(c, &candidate)) {
+            Some(old) if old.score < candidate.score => *old = candidate,
+            Some(_) => {}
+            None => found.push(candidate),
+        }
+        followed += 1;
+        if followed == MOST_FOLLOWED {
+            break;
         }
     }
     found.sort_by(|a, b| b.score.total_cmp(&a.score));

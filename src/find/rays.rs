@@ -18,18 +18,49 @@ struct Rays {
     length: usize,
 }
 
-/// Circles about a centre (reduced pixels).
-pub(super) fn circles_about(look: &Look, center: Vector2<f64>, options: Options) -> Vec<Candidate> {
+/// A circle that rays from a centre suggest, in reduced pixels.
+pub(super) struct Hint {
+    /// How well the directions agree, 0 to 1.
+    pub(super) agreement: f64,
+    scale: usize,
+    circle: Circle,
+    sense: f64,
+}
+
+/// What the rays from a centre (reduced pixels) suggest.
+pub(super) fn hints(look: &Look, center: Vector2<f64>, options: Options) -> Vec<Hint> {
     let k = look.factor as f64;
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
-    let mut found = Vec::new();
+    let mut list = Vec::new();
     for scale in 0..look.scales.len() {
         let rays = Rays::cast(look, scale, center, far + 4.0);
-        for (radius, sense) in rays.radii(near, far, look.scales[scale].0) {
-            found.extend(refine(look, scale, Circle { center, radius }, sense, options));
+        for (agreement, radius, sense) in rays.radii(near, far, look.scales[scale].0) {
+            list.push(Hint { agreement, scale, circle: Circle { center, radius }, sense });
         }
     }
-    found
+    list
+}
+
+/// The circle that a hint leads to; none where it leads nowhere, or to what is well known already.
+pub(super) fn follow(
+    look: &Look,
+    hint: &Hint,
+    options: Options,
+    known: &[Candidate],
+) -> Option<Candidate> {
+    let k = look.factor as f64;
+    let (center, radius_px) = (look.full(hint.circle.center), hint.circle.radius * k);
+    let seen = |c: &Candidate| {
+        let near_px = 0.02 * c.circle.radius + 1.5 * k;
+        c.step * hint.sense > 0.0
+            && c.coverage > 0.8
+            && (c.circle.center - center).norm() < near_px
+            && (c.circle.radius - radius_px).abs() < near_px
+    };
+    if known.iter().any(seen) {
+        return None;
+    }
+    refine(look, hint.scale, hint.circle, hint.sense, options)
 }
 
 impl Rays {
@@ -51,8 +82,8 @@ impl Rays {
         Self { slope, length }
     }
 
-    /// Radii and senses at which edges agree over the directions.
-    fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64)> {
+    /// Agreements, radii and senses at which edges agree over the directions.
+    fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64, f64)> {
         // Typical slope anywhere on the rays: what an edge is measured against.
         let mut sizes: Vec<f32> =
             self.slope.iter().flatten().filter(|v| v.is_finite()).map(|v| v.abs()).collect();
@@ -101,12 +132,12 @@ impl Rays {
             }
         }
         list.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let mut kept: Vec<(f64, f64)> = Vec::new();
-        for (_, r, s) in list {
+        let mut kept: Vec<(f64, f64, f64)> = Vec::new();
+        for (v, r, s) in list {
             if kept.len() < CIRCLES
-                && kept.iter().all(|(q, t)| (q - r).abs() > 2.0 + blur || t != &s)
+                && kept.iter().all(|(_, q, t)| (q - r).abs() > 2.0 + blur || t != &s)
             {
-                kept.push((r, s));
+                kept.push((v, r, s));
             }
         }
         kept

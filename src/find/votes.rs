@@ -9,6 +9,9 @@ use crate::frame::Gray;
 /// The strongest share of the gradients at each scale that votes.
 const STRONGEST: f64 = 0.12;
 
+/// Reduced pixels that share a cell of votes, each way: lines meet no sharper than that.
+const CELL: usize = 2;
+
 /// Likely centres in reduced pixels, best first.
 pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     let (w, h) = look.size();
@@ -16,7 +19,8 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
     // Centres may lie outside the frame by a third of its size.
     let pad = w.max(h) / 3;
-    let (aw, ah) = (w + 2 * pad, h + 2 * pad);
+    let cell = CELL as f32;
+    let (aw, ah) = ((w + 2 * pad) / CELL + 1, (h + 2 * pad) / CELL + 1);
     let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
     for (scale, image) in &look.scales {
         let gradients = gradients(image, options.near.map(|(p, r)| (look.reduced(p), r / k + far)));
@@ -27,23 +31,23 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
             let weight = (g.size / least).sqrt().min(2.0);
             let (dx, dy) = (g.dx / g.size, g.dy / g.size);
             for sign in [1.0f32, -1.0] {
-                let (x0, y0) = (g.x as f32 + pad as f32, g.y as f32 + pad as f32);
                 let (sx, sy) = (sign * dx, sign * dy);
-                let mut r = near.max(1.0) as f32;
-                while r <= far as f32 {
-                    let (x, y) = (x0 + r * sx + 0.5, y0 + r * sy + 0.5);
-                    if x < 0.0 || y < 0.0 || x >= aw as f32 || y >= ah as f32 {
-                        break;
-                    }
+                let r = near.max(1.0) as f32;
+                let mut x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
+                let mut y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
+                let mut steps = ((far - near) as f32 / cell) as i32;
+                while steps >= 0 && x >= 0.0 && y >= 0.0 && x < aw as f32 && y < ah as f32 {
                     // A line's votes spread with distance: what meets at a far centre counts as much as near.
                     votes.data[y as usize * aw + x as usize] += weight;
-                    r += 1.0;
+                    (x, y) = (x + sx, y + sy);
+                    steps -= 1;
                 }
             }
         }
         // Lines meet less sharply for soft edges.
-        let sharp = blur(&votes, 1.0 + 0.5 * scale);
-        let wide = blur(&votes, 6.0 + 3.0 * scale);
+        let cells = 1.0 / CELL as f64;
+        let sharp = blur(&votes, (1.0 + 0.5 * scale) * cells);
+        let wide = blur(&votes, (6.0 + 3.0 * scale) * cells);
         let peaked = Gray {
             width: aw,
             height: ah,
@@ -54,10 +58,11 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
                 .map(|(s, w)| (s - w) / (w + 1.0).sqrt())
                 .collect(),
         };
+        let middle = Vector2::repeat(pad as f64 + 0.5);
         found.extend(
             peaks(&peaked, options.centers)
                 .into_iter()
-                .map(|(v, p)| (v, p - Vector2::repeat(pad as f64))),
+                .map(|(v, p)| (v, (p + Vector2::repeat(0.5)) * CELL as f64 - middle)),
         );
     }
     if let Some((place, reach)) = options.near {
@@ -136,7 +141,7 @@ fn peaks(image: &Gray<f32>, count: usize) -> Vec<(f32, Vector2<f64>)> {
         if kept.len() == count {
             break;
         }
-        if kept.iter().all(|(_, q)| (p - q).norm() > 5.0) {
+        if kept.iter().all(|(_, q)| (p - q).norm() > 5.0 / CELL as f64) {
             kept.push((v, p));
         }
     }

@@ -109,7 +109,7 @@ pub fn geometric(points: &[Vector2<f64>], weights: &[f64], start: Circle) -> Opt
         let Some((trial, value, step)) = moved else { break };
         circle = trial;
         current = value;
-        if step <= 1e-13 * (circle.radius.abs() + circle.center.norm()) {
+        if step <= 1e-11 * (circle.radius.abs() + circle.center.norm()) {
             break;
         }
     }

@@ -167,9 +167,7 @@ fn grid(rows: &Rows, known: Option<&Wander>) -> Wander {
         Kernel::Exponential => 0.5 * extent,
         Kernel::Gaussian => 0.25 * extent,
     };
-    let fits = |k: &&(Kernel, f64, f64)| {
-        k.2 > 1e-3 && k.1 < longest(k.0) && k.1 > 0.5 * spacing
-    };
+    let fits = |k: &&(Kernel, f64, f64)| k.2 > 1e-3 && k.1 < longest(k.0) && k.1 > 0.5 * spacing;
     let told = known.kernels.iter().filter(fits);
     own.extend(told.map(|&(kernel, length, p)| (kernel, length, p * (1.0 - room))));
     Wander { white: 0.5 * room + (known.white + 1e-3) * (1.0 - room), kernels: own }

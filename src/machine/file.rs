@@ -319,6 +319,14 @@ impl Machine {
         };
         let Head { delta_x_mm, r_mm, standoff_mm } = self.head;
         finite("head", &[delta_x_mm, r_mm, standoff_mm])?;
+        if r_mm < 0.0 {
+            let reason = format!("is {r_mm}: the nozzle would be above the B axis");
+            return Err((
+                "head.r_mm".into(),
+                reason,
+                "give the distance from the B axis down to the nozzle",
+            ));
+        }
         finite("table", self.table_point().as_slice())?;
         if let Some(target) = &self.target {
             finite("target.position_mm", &target.position_mm)?;

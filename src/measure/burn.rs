@@ -14,7 +14,7 @@ use crate::frame::{Channel, Picture};
 use crate::measure::marks;
 use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel};
-use crate::uncertainty::{K95, Verdict, distance, k95};
+use crate::uncertainty::{Contribution, K95, Verdict, budget, distance, k95};
 
 /// How the limit is read.
 #[derive(
@@ -114,6 +114,8 @@ pub struct Report {
     pub verdict: Verdict,
     /// What to turn.
     pub correction: Correction,
+    /// What contributes how much to the uncertainty of the distance.
+    pub budget: Vec<Contribution>,
     /// The part of a colour picture that was measured; `luminance` for a gray one.
     pub channel: Channel,
     /// What a user should know.
@@ -140,7 +142,7 @@ pub fn measure(
 ) -> Result<Measured> {
     check(options)?;
     let (width, height) = picture.size();
-    let view = calibration.view(width, height)?;
+    let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel: Channel| {
         let (ring, spot, warnings) =
             marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
@@ -214,6 +216,13 @@ fn report(
         tolerance_kind: options.tolerance_kind,
         verdict: Verdict::of(factor * distance_mm, factor * distance_u95_mm, options.tolerance_mm),
         correction: correction(offset, [u(0), u(1)], options),
+        budget: {
+            // Along the offset, which is the way that counts for the distance.
+            let along = offset.try_normalize(0.0).unwrap_or_else(Vector2::x);
+            let part = |c: Matrix2<f64>| k / K95 * along.dot(&(c * along)).max(0.0).sqrt();
+            let (ring, spot) = (part(ring.center_covariance()), part(spot.center_covariance()));
+            budget("distance_mm", [("edge of the ring", ring), ("edge of the spot", spot)])
+        },
         channel,
         warnings,
     };

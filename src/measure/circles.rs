@@ -84,7 +84,7 @@ pub fn measure(
 ) -> Result<Measured> {
     check(options)?;
     let (width, height) = picture.size();
-    let view = calibration.view(width, height)?;
+    let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel| in_frame(&picture.frame(channel), &view, options, channel, subject);
     // The circle whose centre is known worst.
     let spread = |m: &Measured| {

@@ -23,7 +23,7 @@ const FLOOR_PX: f64 = 0.05;
 const LEAST_SHARE: f64 = 0.25;
 
 /// What OpenCV says of one circle.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Opinion {
     /// Which circle.
     pub circle: String,
@@ -38,7 +38,7 @@ pub struct Opinion {
 }
 
 /// How OpenCV came to a circle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Found {
     /// By itself.

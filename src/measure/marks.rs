@@ -8,6 +8,7 @@ use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::circles::measure_candidate;
+use crate::measure::concentric;
 use crate::measure::ring::{self, Ring, Search};
 
 /// Rings that are tried, and spots inside each.
@@ -103,7 +104,8 @@ fn is_steady(c: &Candidate) -> bool {
 /// Whether what was measured is a circle with some ragged edge rather than something else: enough of it seen, and
 /// its own form small beside its radius.
 fn is_circle(ring: &Ring, least_coverage: f64) -> bool {
-    ring.arc_coverage >= least_coverage && ring.form_rms_mm < MOST_FORM * ring.circle.radius
+    let glare = ring.clipped_inside && ring.arc_coverage < 0.95;
+    !glare && ring.arc_coverage >= least_coverage && ring.form_rms_mm < MOST_FORM * ring.circle.radius
 }
 
 /// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
@@ -190,7 +192,30 @@ fn measure_ring(
 ) -> Option<Ring> {
     let mut others = edges.to_vec();
     others.push(spot);
-    measure_candidate(frame, view, outer, &others).filter(|ring| is_circle(ring, 0.35))
+    let good = |ring: &Ring| is_circle(ring, 0.35);
+    let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
+    let inner = inner_edge(outer, edges)
+        .and_then(|c| measure_candidate(frame, view, &c, &others))
+        .filter(|inner| good(inner) && inner.circle.radius < 0.98 * ring.circle.radius);
+    Some(match inner {
+        Some(inner) => concentric::join(ring, &inner),
+        None => ring,
+    })
+}
+
+/// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.
+fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
+    edges
+        .iter()
+        .filter(|c| {
+            c.step * outer.step < 0.0
+                && (0.5..0.97).contains(&(c.circle.radius / outer.circle.radius))
+                && c.score > 0.4 * outer.score
+                && (c.circle.center - outer.circle.center).norm()
+                    < 0.02 * outer.circle.radius + c.scatter_px + outer.scatter_px
+        })
+        .max_by(|a, b| a.score.total_cmp(&b.score))
+        .copied()
 }
 
 fn measure_spot(
@@ -220,7 +245,6 @@ fn measure_spot(
         softness_px: spot.softness_px.max(1.5),
     };
     let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
-    if std::env::var("DBG").is_ok() {eprintln!("  spot cover {:.2} form {:.4} R {:.3}", spot.arc_coverage, spot.form_rms_mm, spot.circle.radius);}
     let plausible = is_circle(&spot, 0.5)
         && spot.circle.radius < 0.6 * ring.circle.radius
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius

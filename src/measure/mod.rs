@@ -2,6 +2,7 @@
 
 pub mod burn;
 pub mod circles;
+mod concentric;
 pub mod cross;
 mod marks;
 pub mod ring;

@@ -59,6 +59,8 @@ pub struct Ring {
     pub noise: f64,
     /// Softness of the edge, px.
     pub softness_px: f64,
+    /// Whether the inside is as bright as the camera can tell: glare, if the circle is not whole.
+    pub clipped_inside: bool,
     /// What the edge teaches about how edges wander on this part.
     pub wander: Wander,
     /// Edge points in the picture, for the overlay: place and whether it was used.
@@ -93,6 +95,8 @@ pub struct Points {
     pub span: f64,
     /// Curvature radius of the contour, px.
     pub radius_px: f64,
+    /// Whether the inside of the edge is as bright as the camera can tell.
+    pub clipped_inside: bool,
 }
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
@@ -133,6 +137,7 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         closed: contour.closed,
         span: contour.span_rad / std::f64::consts::TAU,
         radius_px: contour.mean_radius_px(),
+        clipped_inside: profiles.clip().is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
         located,
     };
     for e in &points.located.points {
@@ -178,18 +183,6 @@ pub fn measure(
             + (fitted.circle.radius - guess.radius).abs())
             / pixel;
         guess = fitted.circle;
-        if std::env::var("DBG").is_ok() {
-            eprintln!(
-                "  round c {:.1} {:.1} r {:.1} scale {:.2} usable {} soft {:.1} search {:?}",
-                view.to_pixel(guess.center).x,
-                view.to_pixel(guess.center).y,
-                guess.radius / pixel,
-                fitted.scale / pixel,
-                points.usable.iter().filter(|u| **u).count(),
-                points.located.step.softness_px,
-                search
-            );
-        }
         let softness = points.located.step.softness_px;
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)
@@ -248,7 +241,8 @@ fn finish(
     let center = about.center + step;
     // Faint sectors are noise more than form: they count by what they know.
     let known: f64 = rows.variance.iter().map(|v| 1.0 / v).sum();
-    let form = fit.residuals.iter().zip(&rows.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
+    let form =
+        fit.residuals.iter().zip(&rows.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     // A blurred disc's half level lies σ²/2R inside its rim.
     let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
@@ -269,6 +263,7 @@ fn finish(
         contrast: points.located.step.contrast(),
         noise: points.located.noise,
         softness_px: points.located.step.softness_px,
+        clipped_inside: points.clipped_inside,
         wander: fit.wander,
         trace: points.place_px.iter().zip(&weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
         residuals: rows

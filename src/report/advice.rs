@@ -30,6 +30,19 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
             ),
         );
     }
+    if command == "solve" {
+        let limits = map.get("limits").and_then(Value::as_array).into_iter().flatten();
+        let verdicts = limits.chain(map.get("check_touch"));
+        let words: Vec<&str> = verdicts.filter_map(|l| l.get("verdict")?.as_str()).collect();
+        let word = ["fail", "undecided", "pass"].into_iter().find(|w| words.contains(w));
+        let sentence = match word {
+            Some("fail") => "A limit of the method is broken: do not enter these values.",
+            Some("undecided") => "A limit of the method lies inside the uncertainty.",
+            Some(_) => "Every limit of the method that was checked is kept.",
+            None => "No limit of the method was checked.",
+        };
+        return (word.unwrap_or("measured"), sentence.into());
+    }
     if command == "burn" && !stated.is_empty() {
         let of = format!(
             "The centres are {:.4} mm ± {:.4} mm apart; the limit is {} mm.",
@@ -90,22 +103,28 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
             steps
         }
         ("rod", _) => vec!["Give this file to the session file's [rod] result and run pivotsight solve.".into()],
+        ("solve", _) if verdict(command, result).0 == "fail" => vec!["Find the reading that is wrong (sign, side, diameter), touch again, and solve again.".into()],
         ("solve", _) => vec!["Export the vectors with pivotsight export, enter them, and check with pivotsight verify.".into()],
-        ("diagnose", _) => match map.get("next_measurement") {
+        ("verify", "fail") => vec![
+            "Find what the model lacks: pivotsight diagnose rtcp with the same machine file and data.".into(),
+            "Correct it, enter the values, and measure the sweep again.".into(),
+        ],
+        ("verify", "undecided") => vec!["Measure the sweep again with less noise: average several readings a pose, or say with --noise-mm how good they are.".into()],
+        ("verify", "pass") => vec!["Nothing to correct. Keep the sweep as the machine's reference (--records FILE).".into()],
+        ("diagnose", _) => match map.get("next_measurement").and_then(|next| next.get("text")) {
             Some(Value::String(text)) => vec![text.clone()],
-            Some(Value::Null) | None => vec!["Correct the strongest named effect, measure again, and compare with the predicted gap.".into()],
-            Some(other) => vec![super::words(Some(other))],
+            _ => vec!["Correct the strongest named effect, measure again, and compare with the predicted gap.".into()],
         },
         ("batch", _) => {
             let mut steps = vec!["The rows are in results.csv.".to_owned()];
             if let Some(n) = get("failed").filter(|n| *n > 0.0) {
-                steps.push(format!("Read the reasons of the {n} pictures that could not be measured (column reason), capture them again, then batch --resume --retry-failed."));
+                steps.push(format!("Not measurable: {n}. Read the reasons, capture these again, then batch --resume --retry-failed."));
             }
             if let Some(n) = get("fail").filter(|n| *n > 0.0) {
-                steps.push(format!("Correct what the {n} rows with verdict fail show."));
+                steps.push(format!("Out of limits: {n}. Correct what they show."));
             }
             if let Some(n) = get("undecided").filter(|n| *n > 0.0) {
-                steps.push(format!("Measure the {n} undecided ones again with less uncertainty."));
+                steps.push(format!("Undecided: {n}. Measure these again with less uncertainty."));
             }
             steps
         }

@@ -12,7 +12,11 @@ pub fn of(command: &str, result: &Value) -> Vec<Figure> {
     if command == "burn" {
         figures.extend(target(map));
     }
-    figures.extend(sweep(map));
+    if command == "verify" {
+        figures.extend(poses(map));
+    } else {
+        figures.extend(sweep(map));
+    }
     figures
 }
 
@@ -40,6 +44,29 @@ fn target(map: &Map<String, Value>) -> Option<Figure> {
     Some(Figure::new("Spot seen from the ring").panel(panel))
 }
 
+/// The length of each pose's deviation over B, as measured and as the model leaves it.
+fn poses(map: &Map<String, Value>) -> Option<Figure> {
+    let rows = map.get("rows")?.as_array()?;
+    let over_b = |key: &str| -> Vec<(f64, f64)> {
+        let point = |row: &Map<String, Value>| {
+            let part = |i: usize| number(row, &format!("{key}.{i}"));
+            let length = part(0)?.hypot(part(1)?).hypot(part(2)?);
+            Some((number(row, "b_deg")?, 1e3 * length))
+        };
+        rows.iter().filter_map(Value::as_object).filter_map(point).collect()
+    };
+    let (measured, left) = (over_b("measured_mm"), over_b("left_mm"));
+    let ends = measured.iter().map(|p| p.0).fold(None, |ends: Option<(f64, f64)>, b| {
+        ends.map_or(Some((b, b)), |(low, high)| Some((low.min(b), high.max(b))))
+    })?;
+    let mut panel = Panel::new("B, deg", "deviation, µm");
+    if let Some(limit) = number(map, "tolerance_mm") {
+        panel = panel.line("limit", &[(ends.0, 1e3 * limit), (ends.1, 1e3 * limit)]);
+    }
+    let panel = panel.points("measured", &measured).points("left by the model", &left);
+    Some(Figure::new("Deviation of each pose").panel(panel))
+}
+
 /// Rows over an angle or time: each number that states its uncertainty.
 fn sweep(map: &Map<String, Value>) -> Option<Figure> {
     let rows: Vec<&Map<String, Value>> =
@@ -48,17 +75,19 @@ fn sweep(map: &Map<String, Value>) -> Option<Figure> {
     let over = ["angle_deg", "b_deg", "c_deg", "t_s", "position_mm"]
         .into_iter()
         .find(|k| first.contains_key(*k))?;
-    let mut figure = Figure::new("");
+    let mut figure = None;
     for key in first.keys() {
         let Some(u95) = u95_key(key).filter(|k| first.contains_key(k)) else { continue };
         let points: Vec<_> = rows
             .iter()
             .filter_map(|r| Some((number(r, over)?, number(r, key)?, number(r, &u95)?)))
             .collect();
-        figure = figure.panel(
-            Panel::new(over.replace('_', ", "), key.replace('_', " "))
-                .points_with_bars(key.clone(), &points),
+        figure = Some(
+            figure.unwrap_or_else(|| Figure::new("")).panel(
+                Panel::new(over.replace('_', ", "), key.replace('_', " "))
+                    .points_with_bars(key.clone(), &points),
+            ),
         );
     }
-    Some(figure)
+    figure
 }

@@ -13,13 +13,28 @@ header p { color: #555; margin: 1mm 0 4mm }
 .verdict { font-size: 13pt; padding: 3mm 4mm; border-left: 3mm solid; background: #f4f4f4; print-color-adjust: exact }
 .pass { border-color: #009e73 } .fail { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured { border-color: #0072b2 }
 table { border-collapse: collapse; width: 100%; font-size: 9.5pt; font-variant-numeric: tabular-nums }
-th, td { text-align: right; padding: 1mm 2mm; border-bottom: 0.2mm solid #ccc; overflow-wrap: anywhere }
-th:first-child, td:first-child { text-align: left }
+th, td { text-align: right; padding: 1mm 2mm; border-bottom: 0.2mm solid #ccc; overflow-wrap: break-word }
+td:first-child { overflow-wrap: anywhere; min-width: 22mm } .wide { font-size: 7.5pt } .wide th, .wide td { padding: 0.7mm 1mm }
+th:first-child, td:first-child, .facts td { text-align: left } .facts td:first-child { width: 40mm }
+table + table { margin-top: 4mm }
 thead { display: table-header-group } tr, figure { break-inside: avoid }
 td.fail { color: #b34700; font-weight: bold; border-color: #ccc } td.pass { color: #00704f; border-color: #ccc } td.undecided { color: #8a5f00; border-color: #ccc }
 figure { margin: 4mm 0; text-align: center } figure img, figure svg { max-width: 100%; height: auto; max-height: 120mm }
+.pictures { display: grid; grid-template-columns: 1fr 1fr; gap: 0 4mm } .pictures > :only-child { grid-column: span 2 }
 figcaption { font-size: 9pt; color: #555 }
 ";
+
+/// Tables with more columns are set in smaller type.
+const WIDE: usize = 7;
+
+/// Pictures two abreast; one alone takes the whole width.
+pub fn pictures(figures: &str) -> String {
+    if figures.is_empty() {
+        String::new()
+    } else {
+        format!("<div class=\"pictures\">{figures}</div>\n")
+    }
+}
 
 /// The whole page.
 pub fn document(title: &str, body: &str) -> String {
@@ -33,7 +48,17 @@ pub fn document(title: &str, body: &str) -> String {
 
 /// A table; cells that are verdicts get their colour.
 pub fn table(head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
-    let mut text = String::from("<table>\n");
+    let wide = if head.len() > WIDE { " class=\"wide\"" } else { "" };
+    table_of(&format!("<table{wide}>\n"), head, rows)
+}
+
+/// A table of names and words.
+pub fn facts(rows: impl Iterator<Item = Vec<String>>) -> String {
+    table_of("<table class=\"facts\">\n", &[], rows)
+}
+
+fn table_of(open: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) -> String {
+    let mut text = String::from(open);
     if head.iter().any(|h| !h.is_empty()) {
         text += "<thead><tr>";
         head.iter().for_each(|h| text += &format!("<th>{}</th>", escape(h)));

@@ -6,7 +6,7 @@ mod charts;
 mod html;
 mod numbers;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
@@ -16,6 +16,9 @@ use crate::output::escape;
 use html::{embed, table};
 use numbers::Characteristic;
 
+/// Overlays of a batch shown on its page.
+const MAX_OVERLAYS: usize = 8;
+
 /// What a page shows beside the result itself.
 #[derive(Debug, Clone, Default)]
 pub struct Options {
@@ -23,8 +26,12 @@ pub struct Options {
     pub title: String,
     /// Pictures to show: overlays and plots (PNG, JPEG or SVG).
     pub pictures: Vec<PathBuf>,
-    /// The calibration file the result was measured with.
+    /// The calibration file; the one the result names where left out.
     pub calib: Option<PathBuf>,
+    /// The folder the result lies in, where the pictures it names are looked for too.
+    pub base: PathBuf,
+    /// Rows of a batch that want looking at.
+    pub rows: Vec<Value>,
     /// Seconds since 1970 that the page gives as its date.
     pub now: u64,
 }
@@ -45,13 +52,15 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
     let mut body = format!(
         "<header><h1>{}</h1><p>{} · pivotsight {} · {}</p></header>\n",
         escape(title),
-        escape(&words(result.get("input"))),
+        escape(&input(result.get("input"))),
         escape(&words(result.get("version"))),
         clock::utc(options.now),
     );
     for part in parts {
         body += &section(command, part);
+        body += &html::pictures(&own_pictures(part, &options.base)?);
     }
+    body += &batch_rows(&options.rows, &options.base)?;
     for path in &options.pictures {
         body += &embed(path)?;
     }
@@ -71,7 +80,7 @@ fn section(command: &str, result: &Value) -> String {
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
         "<p class=\"verdict {verdict}\"><b>{}</b> {}</p>\n",
-        verdict.to_uppercase(),
+        result.get("verdict").and_then(Value::as_str).unwrap_or(verdict).to_uppercase(),
         escape(&sentence)
     );
     if let Some(image) = result.get("image").and_then(Value::as_str) {
@@ -91,7 +100,7 @@ fn section(command: &str, result: &Value) -> String {
         ];
         text += &table(&head, rows.iter().map(Characteristic::cells));
     }
-    for list in numbers::lists(result) {
+    for list in numbers::lists(command, result) {
         text += &format!("<h2>{}</h2>\n", escape(&list.title));
         let head: Vec<&str> = list.head.iter().map(String::as_str).collect();
         text += &table(&head, list.rows.iter().cloned());
@@ -99,18 +108,13 @@ fn section(command: &str, result: &Value) -> String {
     for figure in charts::of(command, result) {
         text += &format!("<figure>{}</figure>\n", figure.to_svg());
     }
-    let budget = numbers::budget(command, result);
-    if !budget.is_empty() {
-        text += "<h2>Uncertainty budget</h2>\n<p>What contributes how much to the variance of the result.</p>\n";
-        let rows = budget.iter().map(|b| {
-            let share = if b.share_percent.is_finite() {
-                format!("{:.0} %", b.share_percent)
-            } else {
-                String::new()
-            };
-            vec![b.source.clone(), format!("{:.5}", b.u), b.unit.clone(), share]
-        });
-        text += &table(&["Source", "Standard uncertainty", "", "Share"], rows);
+    let budgets = numbers::budgets(result);
+    if !budgets.is_empty() {
+        text += "<h2>Uncertainty budget</h2>\n<p>What contributes how much to the variance of each value. The calibration is taken as exact: pivotsight calib check tells how well it holds.</p>\n";
+    }
+    for budget in budgets {
+        let head = [budget.of.as_str(), "Standard uncertainty", "Share"];
+        text += &table(&head, budget.rows.into_iter());
     }
     let steps = advice::next(command, result);
     text += "<h2>What to do next</h2>\n<ul>\n";
@@ -127,43 +131,110 @@ fn heading(command: &str) -> &str {
         "verify" => "RTCP verification",
         "diagnose" => "Diagnosis",
         "batch" => "Batch",
+        "align" => "Lie of the blank",
+        "rotary" => "Pitch-error correction of a rotary axis",
+        "ballbar-decouple" => "Ball bar: errors taken apart",
+        "thermal-fit" => "Thermal error model",
+        "thermal-compensate" => "Thermal compensation",
+        "machine" => "Machine",
+        "demo" => "The method on a virtual machine",
         other => other,
     }
 }
 
-fn calibration(result: &Value, options: &Options) -> Result<String> {
-    let mut rows = Vec::new();
-    if let Some(path) = &options.calib {
-        let calibration = crate::camera::Calibration::read(path)?;
-        rows.push(("Name".into(), calibration.name));
-        rows.push(("File".into(), path.display().to_string()));
-        rows.push(("SHA-256".into(), crate::hash::of_file(path)?));
-        let written = std::fs::metadata(path).and_then(|m| m.modified()).ok();
-        let seconds =
-            written.and_then(|t| t.duration_since(std::time::UNIX_EPOCH).ok()).map(|d| d.as_secs());
-        if let Some(seconds) = seconds {
-            let days = options.now.saturating_sub(seconds) as f64 / clock::DAY_S;
-            rows.push((
-                "File last changed".into(),
-                format!("{} ({days:.0} days ago)", clock::utc(seconds)),
-            ));
+/// The overlays and plots that a result names, where they still are.
+fn own_pictures(result: &Value, base: &Path) -> Result<String> {
+    let one = ["overlay", "plot"].into_iter().filter_map(|key| result.get(key)?.as_str());
+    let several = result.get("overlays").and_then(Value::as_array).into_iter().flatten();
+    let mut text = String::new();
+    for name in one.chain(several.filter_map(Value::as_str)) {
+        match found(name, base) {
+            Some(path) => text += &embed(&path)?,
+            None => text += &format!("<p>{} is not there any more.</p>\n", escape(name)),
         }
     }
-    if let Some(Value::Object(keys)) = result.get("calibration") {
-        rows.extend(keys.iter().map(|(k, v)| (k.clone(), words(Some(v)))));
+    Ok(text)
+}
+
+/// A file a result names, seen from here or from the result's own folder.
+fn found(name: &str, base: &Path) -> Option<PathBuf> {
+    [PathBuf::from(name), base.join(name)].into_iter().find(|path| path.is_file())
+}
+
+/// The pictures of a batch that failed or broke a limit: their reasons, and their overlays.
+fn batch_rows(rows: &[Value], base: &Path) -> Result<String> {
+    if rows.is_empty() {
+        return Ok(String::new());
     }
-    if let Some(sha) = result.get("calib_sha256").and_then(Value::as_str) {
-        rows.push(("SHA-256 when measured".into(), sha.to_owned()));
+    let text_of = |row: &Value, key: &str| words(row.get(key));
+    let cells = rows.iter().map(|row| {
+        let verdict = match row.get("verdict") {
+            None | Some(Value::Null) => text_of(row, "status"),
+            Some(verdict) => words(Some(verdict)),
+        };
+        vec![text_of(row, "image"), verdict, text_of(row, "reason")]
+    });
+    let mut text = String::from("<h2>Pictures to look at</h2>\n");
+    text += &table(&["Picture", "Verdict", "Reason"], cells);
+    let mut figures = String::new();
+    for row in rows.iter().filter(|row| row.get("overlays").is_some()).take(MAX_OVERLAYS) {
+        figures += &own_pictures(row, base)?;
+    }
+    Ok(text + &html::pictures(&figures))
+}
+
+/// Which calibration the result rests on, and how old it is.
+fn calibration(result: &Value, options: &Options) -> Result<String> {
+    let stated = |key: &str| result.get("calibration")?.get(key)?.as_str();
+    let own = stated("file").and_then(|file| found(file, &options.base));
+    let mut rows: Vec<(&str, String)> = Vec::new();
+    let measured = stated("sha256").or_else(|| result.get("calib_sha256")?.as_str());
+    if let Some(path) = options.calib.as_ref().or(own.as_ref()) {
+        let (calibration, now) = crate::camera::Calibration::identified(path)?;
+        rows.push(("Name", calibration.name));
+        rows.push(("File", path.display().to_string()));
+        if let Some(seconds) = changed(path) {
+            let days = (options.now.saturating_sub(seconds) as f64 / clock::DAY_S).floor();
+            let age = if days == 1.0 { "1 day".to_owned() } else { format!("{days} days") };
+            rows.push(("Age", format!("{age}: last changed {}", clock::utc(seconds))));
+        }
+        rows.push(("SHA-256", now.sha256.clone()));
+        if let Some(measured) = measured.filter(|sha| *sha != now.sha256) {
+            rows.push(("SHA-256 when measured", measured.to_owned()));
+            rows.push((
+                "Note",
+                "The file has changed since: measure again, or find the old one.".into(),
+            ));
+        }
+    } else if let Some(name) = stated("name") {
+        rows.push(("Name", name.to_owned()));
+        rows.push(("File", format!("{} (not found now)", stated("file").unwrap_or("?"))));
+        rows.push(("SHA-256 when measured", measured.unwrap_or("?").to_owned()));
     }
     if rows.is_empty() {
-        return Ok(
-            "<h2>Calibration</h2>\n<p>Not stated: give the report --calib FILE.</p>\n".into()
-        );
+        return Ok(String::new());
     }
-    Ok(format!(
-        "<h2>Calibration</h2>\n{}",
-        table(&["", ""], rows.into_iter().map(|(a, b)| vec![a, b]))
-    ))
+    let rows = rows.into_iter().map(|(a, b)| vec![a.to_owned(), b]);
+    Ok(format!("<h2>Calibration</h2>\n{}", html::facts(rows)))
+}
+
+/// When a file was last changed, in seconds since 1970.
+fn changed(path: &Path) -> Option<u64> {
+    let time = std::fs::metadata(path).and_then(|m| m.modified()).ok()?;
+    time.duration_since(std::time::UNIX_EPOCH).ok().map(|d| d.as_secs())
+}
+
+/// What a result was made from, without what was not given.
+fn input(value: Option<&Value>) -> String {
+    match value {
+        Some(Value::Object(map)) => map
+            .iter()
+            .filter(|(_, v)| !v.is_null())
+            .map(|(k, v)| format!("{k} {}", words(Some(v))))
+            .collect::<Vec<_>>()
+            .join(" · "),
+        other => words(other),
+    }
 }
 
 /// A JSON value as words.

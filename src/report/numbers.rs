@@ -5,10 +5,14 @@ use serde_json::{Map, Value};
 use super::words;
 use crate::batch::limits::{number, u95_key};
 use crate::output::flatten;
-use crate::uncertainty::{K95, Verdict};
+use crate::uncertainty::Verdict;
 
 /// Rows of a list beyond this many stay in the result's file.
 const MAX_ROWS: usize = 200;
+/// Poses of a sweep shown, the farthest astray first.
+const MAX_POSES: usize = 12;
+/// Sources of a budget shown, the largest first.
+const MAX_SOURCES: usize = 12;
 
 /// One line of the results table.
 pub struct Characteristic {
@@ -52,13 +56,13 @@ fn digits(u95: Option<f64>) -> usize {
 /// every limit that was judged.
 pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
     let Some(map) = result.as_object() else { return Vec::new() };
+    if command == "verify" {
+        return verified(map);
+    }
     let mut rows: Vec<Characteristic> = flatten(result)
         .into_iter()
         .filter_map(|(key, value)| {
-            if key.starts_with("limits.")
-                || key.starts_with("statistics.")
-                || key.starts_with("rows.")
-            {
+            if ["limits.", "statistics.", "rows."].iter().any(|list| key.starts_with(list)) {
                 return None;
             }
             let u95 = u95_key(&key).and_then(|k| number(map, &k))?;
@@ -78,10 +82,25 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             })
         })
         .collect();
+    if command == "diagnose" {
+        rows.extend(gap(map));
+    }
     let judged = map.get("limits").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     rows.extend(judged.iter().filter_map(|limit| {
-        let key = limit.get("key")?.as_str()?;
         let bound = |name: &str| limit.get(name).and_then(Value::as_f64);
+        if let Some(what) = limit.get("what").and_then(Value::as_str) {
+            // A step of the method, not a key of the result.
+            return Some(Characteristic {
+                name: what.to_owned(),
+                unit: "mm",
+                nominal: None,
+                actual: bound("value_mm")?,
+                tolerance: format!("≤ {}", bound("limit_mm")?),
+                u95: bound("u95_mm"),
+                verdict: serde_json::from_value(limit.get("verdict")?.clone()).ok(),
+            });
+        }
+        let key = limit.get("key")?.as_str()?;
         Some(Characteristic {
             name: format!("limit on {}", label(key)),
             unit: unit(key),
@@ -97,6 +116,51 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
         })
     }));
     rows
+}
+
+/// The largest deviation of a sweep as measured, and what the machine's model leaves of it.
+fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
+    let judged = map.get("judged").and_then(Value::as_str);
+    let one = |key: &str, name: &str| {
+        let limit = number(map, "tolerance_mm").filter(|_| judged == Some(key));
+        Some(Characteristic {
+            name: name.to_owned(),
+            unit: "mm",
+            nominal: Some(0.0),
+            actual: number(map, &format!("{key}.worst_mm"))?,
+            tolerance: limit.map_or(String::new(), |t| format!("≤ {t}")),
+            u95: number(map, "worst_u95_mm"),
+            verdict: limit.and_then(|_| serde_json::from_value(map.get("verdict")?.clone()).ok()),
+        })
+    };
+    [("before", "largest deviation measured"), ("after", "largest deviation the model leaves")]
+        .into_iter()
+        .filter_map(|(key, name)| one(key, name))
+        .collect()
+}
+
+/// The gap between simulation and measurement, before and after the named effects.
+fn gap(map: &Map<String, Value>) -> Vec<Characteristic> {
+    [
+        ("gap.before_rms_mm", "gap before, rms"),
+        ("gap.after_rms_mm", "gap with the named effects, rms"),
+        ("gap.heldout_before_rms_mm", "gap before, on captures held out, rms"),
+        ("gap.heldout_after_rms_mm", "gap with the named effects, on captures held out, rms"),
+        ("noise_mm", "noise of one value"),
+    ]
+    .into_iter()
+    .filter_map(|(key, name)| {
+        Some(Characteristic {
+            name: name.into(),
+            unit: "mm",
+            nominal: None,
+            actual: number(map, key)?,
+            tolerance: String::new(),
+            u95: None,
+            verdict: None,
+        })
+    })
+    .collect()
 }
 
 /// Which of a burn's two readings of concentricity the tolerance is held against.
@@ -115,6 +179,13 @@ fn nominal(command: &str, map: &Map<String, Value>, key: &str) -> Option<f64> {
             number(map, &key.replace("diameter_mm", "expect_mm"))
         }
         ("circles", _) if key.starts_with("pairs.") => Some(0.0),
+        ("solve", "check_touch.difference_mm") => Some(0.0),
+        ("solve", _) => {
+            // What the control holds now.
+            let name = if key == "zb_mm" { "zc_mm" } else { key };
+            let values = map.get("change")?.get("values")?.as_array()?;
+            values.iter().find(|v| v.get("name").is_some_and(|n| n == name))?.get("now")?.as_f64()
+        }
         _ => None,
     }
 }
@@ -127,8 +198,22 @@ fn unit(key: &str) -> &'static str {
         .unwrap_or("")
 }
 
-/// `ring.center_mm.0` → `ring center X`.
+/// `ring.center_mm.0` → `ring center X`; the method's own quantities as its text names them.
 fn label(key: &str) -> String {
+    match key {
+        "xb_mm" => return "X_B, B axis over the rod".into(),
+        "zb_mm" => return "Z_B, nozzle on the table".into(),
+        "xc_mm" => return "X_C, C axis".into(),
+        "yc_mm" => return "Y_C, C axis".into(),
+        "delta_x_mm" => return "ΔX, B axis to optical axis".into(),
+        "r_mm" => return "R, B axis to nozzle".into(),
+        "r_focus_mm" => return "R + stand-off, B axis to focus".into(),
+        "axis_center_mm.0" => return "C axis X".into(),
+        "axis_center_mm.1" => return "C axis Y".into(),
+        "axis_center_mm" => return "C axis".into(),
+        "worst_mm" => return "largest deviation".into(),
+        _ => {}
+    }
     let parts: Vec<String> = key
         .split('.')
         .enumerate()
@@ -155,109 +240,123 @@ pub struct List {
 }
 
 /// The lists of objects in a result: rows of a sweep, effects of a diagnosis, statistics of a batch.
-pub fn lists(result: &Value) -> Vec<List> {
+pub fn lists(command: &str, result: &Value) -> Vec<List> {
+    let shown = ["limits", "circles", "pairs", "budget", "results"];
     let Some(map) = result.as_object() else { return Vec::new() };
+    let nested = map.get("change").and_then(Value::as_object).into_iter().flatten();
     map.iter()
-        .filter(|(key, _)| {
-            !["limits", "circles", "pairs", "budget", "results"].contains(&key.as_str())
-        })
+        .filter(|(key, _)| !shown.contains(&key.as_str()))
+        .chain(nested)
         .filter_map(|(key, value)| {
-            let items = value.as_array().filter(|l| l.first().is_some_and(Value::is_object))?;
+            let mut items: Vec<&Map<String, Value>> =
+                value.as_array()?.iter().filter_map(Value::as_object).collect();
+            let all = items.len();
+            let most = if (command, key.as_str()) == ("verify", "rows") {
+                items.sort_by(|a, b| length(b.get("left_mm")).total_cmp(&length(a.get("left_mm"))));
+                MAX_POSES
+            } else {
+                MAX_ROWS
+            };
+            items.truncate(most);
             let mut head: Vec<String> = Vec::new();
-            let objects = || items.iter().filter_map(Value::as_object);
-            for name in objects().flat_map(Map::keys) {
+            for name in items.iter().flat_map(|item| item.keys()) {
                 if !head.contains(name) {
                     head.push(name.clone());
                 }
             }
-            let rows =
-                objects().take(MAX_ROWS).map(|o| head.iter().map(|h| short(o.get(h))).collect());
-            let more = if items.len() > MAX_ROWS {
-                format!(" (the first {MAX_ROWS} of {})", items.len())
-            } else {
-                String::new()
+            let rows: Vec<Vec<String>> = items
+                .iter()
+                .map(|o| head.iter().map(|h| short(unit(h), o.get(h))).collect())
+                .collect();
+            let head: Vec<String> = head.iter().map(|h| heading(h)).collect();
+            let title = match (command, key.as_str()) {
+                ("verify", "rows") => "Poses farthest astray".to_owned(),
+                ("solve", "values") => "What changes in the control".to_owned(),
+                ("solve", "removes") => {
+                    "Error of the tool point with the present values, seen from B = 0".to_owned()
+                }
+                ("diagnose", "where") => "Where simulation and data disagree most".to_owned(),
+                ("simulate", _) => "Predicted".to_owned(),
+                _ => capital(&key.replace('_', " ")),
             };
-            let title = key.replace('_', " ");
-            Some(List {
-                title: title[..1].to_uppercase() + &title[1..] + &more,
-                rows: rows.collect(),
-                head,
-            })
+            let more =
+                if all > items.len() { format!(" ({most} of {all})") } else { String::new() };
+            (!rows.is_empty()).then(|| List { title: title + &more, head, rows })
         })
         .collect()
 }
 
-/// A number with as many digits as a table needs, anything else as words.
-fn short(value: Option<&Value>) -> String {
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
+/// `left_mm` → `left, mm`.
+fn heading(key: &str) -> String {
+    match unit(key) {
+        "" => key.replace('_', " "),
+        u => format!("{}, {u}", key.trim_end_matches(&format!("_{u}")).replace('_', " ")),
+    }
+}
+
+fn length(vector: Option<&Value>) -> f64 {
+    let parts = vector.and_then(Value::as_array).into_iter().flatten();
+    parts.filter_map(Value::as_f64).map(|x| x * x).sum::<f64>().sqrt()
+}
+
+/// A number with as many digits as its unit needs, anything else as words.
+fn short(unit: &str, value: Option<&Value>) -> String {
     match value {
         Some(Value::Number(n)) if n.is_f64() => {
             let x = n.as_f64().unwrap_or(0.0);
-            if x != 0.0 && (x.abs() < 1e-4 || x.abs() >= 1e6) {
-                format!("{x:.2e}")
-            } else {
-                format!("{x:.5}")
+            match unit {
+                // Adding zero turns -0 into 0.
+                "mm" => format!("{:.4}", (1e4 * x).round() / 1e4 + 0.0),
+                "deg" => format!("{:.4}", (1e4 * x).round() / 1e4 + 0.0)
+                    .trim_end_matches('0')
+                    .trim_end_matches('.')
+                    .to_owned(),
+                _ if x != 0.0 && (x.abs() < 1e-3 || x.abs() >= 1e6) => format!("{x:.2e}"),
+                _ => format!("{x:.4}"),
             }
         }
         Some(Value::Array(list)) => {
-            list.iter().map(|v| short(Some(v))).collect::<Vec<_>>().join(", ")
+            list.iter().map(|v| short(unit, Some(v))).collect::<Vec<_>>().join(", ")
+        }
+        Some(Value::Object(map)) => {
+            let pairs = map
+                .iter()
+                .map(|(k, v)| format!("{}: {}", heading(k), short(self::unit(k), Some(v))));
+            pairs.collect::<Vec<_>>().join("; ")
         }
         other => words(other),
     }
 }
 
-/// One source of uncertainty.
-pub struct Contribution {
-    /// Where it comes from.
-    pub source: String,
-    /// Its standard uncertainty in the result.
-    pub u: f64,
-    /// Of `u`.
-    pub unit: String,
-    /// Share of the variance.
-    pub share_percent: f64,
+/// The budget of one value: where its uncertainty comes from.
+pub struct Budget {
+    /// The value, in words.
+    pub of: String,
+    /// Source, standard uncertainty, share.
+    pub rows: Vec<Vec<String>>,
 }
 
-/// The budget a result states (`budget`: source, a `u_…` or `value_u…` number, perhaps a share), or for a burn the
-/// ring's and the spot's parts of the offset.
-pub fn budget(command: &str, result: &Value) -> Vec<Contribution> {
-    let Some(map) = result.as_object() else { return Vec::new() };
-    let mut parts: Vec<Contribution> = match map.get("budget").and_then(Value::as_array) {
-        Some(list) => list.iter().filter_map(Value::as_object).filter_map(stated).collect(),
-        None if command == "burn" => ["ring", "spot"]
-            .into_iter()
-            .filter_map(|mark| {
-                let u = |axis: usize| number(map, &format!("{mark}.center_u95_mm.{axis}"));
-                let u = u(0)?.hypot(u(1)?) / K95;
-                Some(Contribution {
-                    source: format!("edge of the {mark}"),
-                    u,
-                    unit: "mm".into(),
-                    share_percent: f64::NAN,
-                })
-            })
-            .collect(),
-        None => Vec::new(),
-    };
-    let sum: f64 = parts.iter().map(|p| p.u * p.u).sum();
-    let one_unit = parts.windows(2).all(|w| w[0].unit == w[1].unit);
-    for part in parts.iter_mut().filter(|p| !p.share_percent.is_finite()) {
-        if one_unit && sum > 0.0 {
-            part.share_percent = 100.0 * part.u * part.u / sum;
+/// The budgets a result states, one a value.
+pub fn budgets(result: &Value) -> Vec<Budget> {
+    let stated = result.get("budget").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
+    let mut budgets: Vec<Budget> = Vec::new();
+    for part in stated {
+        let text = |key: &str| part.get(key).and_then(Value::as_str).unwrap_or("");
+        let number = |key: &str| part.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
+        let of = label(text("of"));
+        if budgets.last().is_none_or(|b| b.of != of) {
+            budgets.push(Budget { of, rows: Vec::new() });
+        }
+        let rows = budgets.last_mut().map(|b| &mut b.rows);
+        if let Some(rows) = rows.filter(|rows| rows.len() < MAX_SOURCES) {
+            let u = format!("{:.5} mm", number("u_mm"));
+            rows.push(vec![text("source").into(), u, format!("{:.0} %", number("share_percent"))]);
         }
     }
-    parts
-}
-
-fn stated(entry: &Map<String, Value>) -> Option<Contribution> {
-    let (key, u) = entry.iter().find_map(|(k, v)| {
-        let name = k == "u" || k.starts_with("u_") || k.contains("_u_");
-        v.as_f64().filter(|_| name).map(|u| (k, u))
-    })?;
-    let words_of = |k: &str| entry.get(k).map(|v| words(Some(v)));
-    Some(Contribution {
-        source: words_of("source").or_else(|| words_of("name"))?,
-        u,
-        unit: unit(key).to_owned(),
-        share_percent: entry.get("share_percent").and_then(Value::as_f64).unwrap_or(f64::NAN),
-    })
+    budgets
 }

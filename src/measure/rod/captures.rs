@@ -1,5 +1,6 @@
 //! The captures' table: one picture a row, with the machine's position.
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
@@ -50,11 +51,21 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
             ));
         }
     }
+    let mut positions: HashMap<String, Vector2<f64>> = HashMap::new();
     (0..table.rows())
         .map(|row| {
             let image = table.text(row, "image").to_owned();
             if image.is_empty() {
                 return Err(table.error(row, "image", "is empty", "name the capture's picture"));
+            }
+            let position_mm = Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?);
+            if *positions.entry(image.clone()).or_insert(position_mm) != position_mm {
+                return Err(table.error(
+                    row,
+                    "image",
+                    format!("'{image}' stands in an earlier line at another position"),
+                    "give each capture its own picture",
+                ));
             }
             let direction = match (optional(row, "dir_x")?, optional(row, "dir_y")?) {
                 (Some(x), Some(y)) => Some([x, y]),
@@ -65,7 +76,7 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
             Ok(Capture {
                 path: folder.join(&image),
                 image,
-                position_mm: Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?),
+                position_mm,
                 c_deg: optional(row, "c_deg")?.unwrap_or(0.0),
                 t_s: optional(row, "t_s")?,
                 temp_c: optional(row, "temp_c")?,

@@ -148,6 +148,8 @@ pub(super) struct Axis {
     pub covariance: Matrix2<f64>,
     pub eccentricity: Vector2<f64>,
     pub eccentricity_covariance: Matrix2<f64>,
+    /// From the centres to the axis (2 × 2n).
+    pub gain: DMatrix<f64>,
     /// Sum of squares of the normalised residuals, and their degrees of freedom.
     pub chi2: f64,
     pub dof: usize,
@@ -179,11 +181,14 @@ pub(super) fn axis(
     }
     let beta = &cov * x.tr_mul(&y);
     let chi2 = (&y - &x * &beta).norm_squared();
+    let gain =
+        (&cov * x.tr_mul(&l.solve_lower_triangular(&DMatrix::identity(n, n))?)).rows(0, 2).into();
     Some(Axis {
         center: Vector2::new(beta[0], beta[1]),
         covariance: cov.fixed_view::<2, 2>(0, 0).into(),
         eccentricity: Vector2::new(beta[2], beta[3]),
         eccentricity_covariance: cov.fixed_view::<2, 2>(2, 2).into(),
+        gain,
         chi2,
         dof: n - 4,
     })

@@ -1,5 +1,6 @@
 //! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
 
+mod budget;
 mod captures;
 mod joint;
 mod outer;
@@ -62,7 +63,7 @@ pub fn measure(
         .map(|c| {
             let picture = Picture::read(&c.path)?;
             let (w, h) = picture.size();
-            let view = calibration.view(w, h)?;
+            let view = calibration.view_of(&c.image, w, h)?;
             Ok((picture.into_frame(options.channel), view))
         })
         .collect::<Result<Vec<_>>>()?;
@@ -73,7 +74,15 @@ pub fn measure(
     Ok(measured)
 }
 
-fn check(options: &Options) -> Result<()> {
+/// Refuses options that no rod can have.
+pub fn check(options: &Options) -> Result<()> {
+    if !(options.diameter_u_mm.is_finite() && options.diameter_u_mm > 0.0) {
+        return Err(Error::option(
+            "diameter_u_mm",
+            format!("{} is no standard uncertainty", options.diameter_u_mm),
+            "give mm, above 0",
+        ));
+    }
     if let Some(d) = options.diameter_mm
         && !(d.is_finite() && d > 0.0)
     {
@@ -251,6 +260,7 @@ fn finish(
     let mut covariance = fit.covariance.clone();
     let last = 2 * angles;
     let blur_mm = blurred_radius(arcs, frames);
+    let mut nominal = None;
     if let Some(d) = options.diameter_mm {
         // The nominal radius as one more observation.
         let gap = 0.5 * d - (robust.radius + beta[last] + blur_mm);
@@ -262,6 +272,7 @@ fn finish(
                 2.0 * (robust.radius + beta[last] + blur_mm)
             ));
         } else {
+            nominal = Some((covariance[(last, last)] / total, variance.sqrt()));
             let gain = covariance.column(last) / total;
             beta += &gain * gap;
             covariance -= &gain * gain.transpose() * total;
@@ -302,16 +313,25 @@ fn finish(
         residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
     arc_warnings(arcs, robust, options, &mut warnings);
     let form = fit.residuals.norm_squared() / groups.len() as f64;
-    if form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points) {
+    if form.sqrt() > 5.0 * DISAGREEMENT_MM
+        || form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points)
+    {
         return Err(Error::measure(
             "captures",
-            format!(
-                "their edges do not lie on one circle: smooth arcs miss it by {:.3} mm",
-                form.sqrt()
-            ),
+            format!("their edges do not lie on one circle: they miss it by {:.3} mm", form.sqrt()),
             "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
         ));
     }
+    let sources = budget::Sources {
+        fit: &fit,
+        groups: &groups,
+        images: arcs.iter().map(|a| captures[a.capture].image.as_str()).collect(),
+        gain: axis
+            .as_ref()
+            .map_or_else(|| DMatrix::identity(2, 2 * angles), |(axis, _)| axis.gain.clone()),
+        nominal,
+    };
+    let budget = sources.budget(axis_u95, 2.0 * u(last));
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
     Ok(Measured {
@@ -334,6 +354,7 @@ fn finish(
             diameter_u95_mm: 2.0 * u(last),
             form_rms_mm: form.sqrt(),
             captures: captures_report,
+            budget,
             warnings,
         },
         points,

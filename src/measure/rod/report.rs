@@ -1,12 +1,14 @@
 //! What is asked of a rod's captures, and what is answered.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::camera::Laser;
 use crate::frame::Channel;
+use crate::uncertainty::Contribution;
 
 /// What is known beforehand.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[serde(deny_unknown_fields, default)]
 pub struct Options {
     /// The rod's nominal diameter: a prior, not a truth.
     pub diameter_mm: Option<f64>,
@@ -79,6 +81,8 @@ pub struct Report {
     pub form_rms_mm: f64,
     /// Every capture.
     pub captures: Vec<CaptureReport>,
+    /// What contributes how much to the uncertainty of the axis (rms of X and Y) and of the diameter.
+    pub budget: Vec<Contribution>,
     /// What a user should know.
     pub warnings: Vec<String>,
 }

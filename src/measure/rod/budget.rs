@@ -1,0 +1,53 @@
+//! What each capture's edge, and the nominal diameter, contribute to the uncertainty of the axis and the diameter.
+
+use nalgebra::DMatrix;
+
+use crate::fit::correlated::Fit;
+use crate::uncertainty::{Contribution, K95, budget};
+
+/// What the budget is made from.
+pub(super) struct Sources<'f> {
+    /// The joint fit: centre x, y of every table angle, then the radius.
+    pub fit: &'f Fit,
+    /// The arc of each row of the fit; rows of one arc stand together.
+    pub groups: &'f [usize],
+    /// The picture of each arc.
+    pub images: Vec<&'f str>,
+    /// From the centres to the axis (2 × 2n).
+    pub gain: DMatrix<f64>,
+    /// Weight and standard uncertainty of the nominal radius, where it is used.
+    pub nominal: Option<(f64, f64)>,
+}
+
+impl Sources<'_> {
+    /// The budgets, scaled to the half-widths that the result states.
+    pub fn budget(&self, axis_u95_mm: [f64; 2], diameter_u95_mm: f64) -> Vec<Contribution> {
+        let last = self.fit.beta.len() - 1;
+        let (nominal_weight, nominal_u_mm) = self.nominal.unwrap_or((0.0, 0.0));
+        let (mut axis, mut diameter) = (Vec::new(), Vec::new());
+        for (arc, image) in self.images.iter().enumerate() {
+            let Some(start) = self.groups.iter().position(|g| *g == arc) else { continue };
+            let rows = self.groups[start..].iter().take_while(|g| **g == arc).count();
+            let influence = self.fit.influence.columns(start, rows);
+            let noise = self.fit.row_covariance.view((start, start), (rows, rows));
+            let part = influence * noise * influence.transpose();
+            let center = &self.gain * part.view((0, 0), (last, last)) * self.gain.transpose();
+            let source = format!("edge in {image}");
+            axis.push((source.clone(), (0.5 * center.trace()).max(0.0).sqrt()));
+            let radius = part[(last, last)].max(0.0).sqrt();
+            diameter.push((source, 2.0 * (1.0 - nominal_weight) * radius));
+        }
+        diameter.push(("nominal diameter".to_owned(), 2.0 * nominal_weight * nominal_u_mm));
+        let [x, y] = axis_u95_mm;
+        let mut list = scaled("axis_center_mm", axis, (0.5 * (x * x + y * y)).sqrt() / K95);
+        list.extend(scaled("diameter_mm", diameter, diameter_u95_mm / K95));
+        list
+    }
+}
+
+/// The fit's grid of correlations and its coverage factors widen all parts alike.
+fn scaled(of: &str, parts: Vec<(String, f64)>, total: f64) -> Vec<Contribution> {
+    let sum: f64 = parts.iter().map(|p| p.1 * p.1).sum();
+    let factor = if sum > 0.0 { total / sum.sqrt() } else { 0.0 };
+    budget(of, parts.into_iter().map(|(source, u)| (source, factor * u)))
+}

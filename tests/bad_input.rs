@@ -1,0 +1,292 @@
+//! Bad input of every kind, through the whole command line: exit code 2, a message that names what is wrong and
+//! where, nothing half written, and never a panic.
+
+#![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+/// Runs the program in `dir`; `{root}` in an argument is the project's folder.
+fn run(dir: &Path, line: &str) -> Output {
+    let root = env!("CARGO_MANIFEST_DIR");
+    Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"))
+        .current_dir(dir)
+        .env("PIVOTSIGHT_CONFIG", "none")
+        .args(line.split_whitespace().map(|word| word.replace("{root}", root)))
+        .output()
+        .unwrap()
+}
+
+thread_local! {
+    /// What a test found, so that all of it is seen at once.
+    static FOUND: std::cell::RefCell<Vec<String>> = const { std::cell::RefCell::new(Vec::new()) };
+}
+
+/// The program refuses: exit code 2, all the words in its message, nothing on standard output, no files left over.
+fn refused(dir: &Path, line: &str, words: &[&str]) {
+    let before = listing(dir);
+    let output = run(dir, line);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    let mut wrong = Vec::new();
+    if output.status.code() != Some(2) {
+        wrong.push(format!("exit code {:?}", output.status.code()));
+    }
+    if message.contains("panicked") || message.trim().is_empty() {
+        wrong.push("broke".into());
+    }
+    wrong.extend(words.iter().filter(|w| !message.contains(**w)).map(|w| format!("no '{w}'")));
+    if !output.stdout.is_empty() {
+        wrong.push("printed a result".into());
+    }
+    let after = listing(dir);
+    if after != before {
+        wrong.push(format!("left something behind: {after:?}"));
+    }
+    if !wrong.is_empty() {
+        let text = format!("{line}\n  {}\n  {}", wrong.join(", "), message.trim());
+        FOUND.with_borrow_mut(|found| found.push(text));
+    }
+}
+
+/// Ends a test.
+fn judge() {
+    FOUND.with_borrow(|found| assert!(found.is_empty(), "\n{}", found.join("\n")));
+}
+
+fn listing(dir: &Path) -> Vec<String> {
+    let entries = std::fs::read_dir(dir).unwrap().map(|e| e.unwrap().file_name());
+    let mut names: Vec<String> = entries.map(|n| n.to_string_lossy().into_owned()).collect();
+    names.sort();
+    names
+}
+
+/// A folder with one good file of every kind.
+fn workshop() -> tempfile::TempDir {
+    let dir = tempfile::tempdir().unwrap();
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    for (from, to) in [
+        ("images/burn-clean/burn-0001.png", "burn.png"),
+        ("images/burn-clean/calib.toml", "calib.toml"),
+        ("calib/machine.toml", "machine.toml"),
+        ("calib/session.toml", "session.toml"),
+        ("docs/examples/blank.csv", "blank.csv"),
+        ("docs/examples/path.apt", "path.apt"),
+        ("docs/examples/machine-ac.toml", "ac.toml"),
+        ("docs/examples/k197-1.csv", "sweep.csv"),
+    ] {
+        std::fs::copy(root.join(from), dir.path().join(to)).unwrap();
+    }
+    for line in [
+        "align blank.csv --format json --out align.json",
+        "ballbar simulate --format csv --noise-mm 0.001 --out bar.csv",
+        "thermal simulate heat",
+        "thermal fit --head heat/head.csv --screw heat/screw.csv --out model.json",
+        "verify --machine machine.toml --plan .",
+        "simulate rtcp --model machine.toml --data poses.csv --noise-mm 0.001 --format csv --out rtcp.csv",
+        "solve session.toml --format json --out solve.json --records records.sqlite",
+    ] {
+        let output = run(dir.path(), line);
+        assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("joints.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,4,5\n");
+    write("captures.csv", "image,x_mm,y_mm\nburn.png,0,0\nburn.png,1,0\nburn.png,0,1\n");
+    write("job.toml", "schema = 1\ncalib = \"calib.toml\"\n[measure.burn]\n");
+    dir
+}
+
+/// Every place where the program reads a file, marked `@`, with a file that is good there.
+const READERS: [&str; 32] = [
+    "burn @burn.png --calib calib.toml",
+    "burn burn.png --calib @calib.toml",
+    "circles @burn.png --calib calib.toml --expect-mm 5.75",
+    "circles burn.png --calib @calib.toml --expect-mm 5.75",
+    "rod @captures.csv --calib calib.toml",
+    "rod captures.csv --calib @calib.toml",
+    "solve @session.toml",
+    "rotary @sweep.csv --pivot-mm 573",
+    "align @blank.csv",
+    "align apply --align @align.json --machine ac.toml path.apt out.nc",
+    "align apply --align align.json --machine @ac.toml path.apt out.nc",
+    "align apply --align align.json --machine ac.toml --from apt @path.apt out.nc",
+    "ballbar decouple --data @bar.csv",
+    "thermal fit --head @heat/head.csv",
+    "thermal fit --screw @heat/screw.csv",
+    "thermal compensate --model @model.json --table heat/day.csv",
+    "thermal compensate --model model.json --table @heat/day.csv",
+    "verify --machine @machine.toml --data rtcp.csv",
+    "verify --machine machine.toml --data @rtcp.csv",
+    "verify --machine machine.toml --now @machine.toml --data rtcp.csv",
+    "diagnose rtcp --model @machine.toml --data rtcp.csv",
+    "diagnose rtcp --model machine.toml --data @rtcp.csv",
+    "simulate rtcp --model @machine.toml --data poses.csv",
+    "simulate rtcp --model machine.toml --data @poses.csv",
+    "rtcp inverse --machine @machine.toml --poses joints.csv",
+    "rtcp inverse --machine machine.toml --poses @joints.csv",
+    "machine @machine.toml",
+    "export --machine @machine.toml --control siemens",
+    "render burn @machine.toml --out-dir rendered",
+    "batch burn.png --job @job.toml --out batch",
+    "report @solve.json --out page.html",
+    "history --records @records.sqlite",
+];
+
+#[test]
+fn whatever_a_file_holds_it_is_refused_by_name_and_never_breaks_the_program() {
+    let dir = workshop();
+    let dir = dir.path();
+    let noise: Vec<u8> =
+        (0..5000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 13) as u8).collect();
+    let picture = std::fs::read(dir.join("burn.png")).unwrap();
+    let bad: [(&str, Vec<u8>); 6] = [
+        ("empty", Vec::new()),
+        ("spaces", b"\n\n  \n".to_vec()),
+        ("noise", noise),
+        ("picture", picture[..1000].to_vec()),
+        ("letter", b"Dear all,\n\nthe numbers are in the other file; see \"you\n".to_vec()),
+        ("page", b"<!DOCTYPE html><html><body>404</body></html>\n".to_vec()),
+    ];
+    for reader in READERS {
+        let (head, tail) = reader.split_once('@').unwrap();
+        let (file, tail) = tail.split_once(' ').unwrap_or((tail, ""));
+        // What stands there must work, or a refusal below says nothing; `render` and `rod` are only refused.
+        let good = run(dir, &reader.replace('@', "")).status.code();
+        let only_bad = reader.starts_with("render") || reader.starts_with("rod");
+        assert!(only_bad || good == Some(0) || good == Some(1), "{reader}: {good:?}");
+        for made in ["out.nc", "rendered", "batch", "page.html"] {
+            let path = dir.join(made);
+            drop(std::fs::remove_dir_all(&path).or_else(|_| std::fs::remove_file(&path)));
+        }
+        let extension = file.rsplit('.').next().unwrap();
+        let line = |name: &str| format!("{head}{name}.{extension} {tail}");
+        refused(dir, &line("nosuchfile"), &["nosuchfile."]);
+        for (name, bytes) in &bad {
+            let file = format!("{name}.{extension}");
+            std::fs::write(dir.join(&file), bytes).unwrap();
+            if file == "empty.sqlite" || file == "spaces.sqlite" {
+                continue; // An empty database is one without records.
+            }
+            refused(dir, &line(name), &[&file]);
+        }
+    }
+    judge();
+}
+
+#[test]
+fn pictures_that_lie_about_themselves_are_refused() {
+    let dir = workshop();
+    let dir = dir.path();
+    let picture = std::fs::read(dir.join("burn.png")).unwrap();
+    let burn = |name: &str, bytes: &[u8], words: &[&str]| {
+        std::fs::write(dir.join(name), bytes).unwrap();
+        refused(dir, &format!("burn {name} --calib calib.toml"), &[&[name], words].concat());
+    };
+    burn("half.png", &picture[..picture.len() / 2], &["cut short"]);
+    burn("head.png", &picture[..20], &[]);
+    burn("really.png", b"kind,x_mm\nface,1\n", &["is not a picture"]);
+    // 60,000 × 60,000 pixels claimed in a few bytes, and 20,000 × 20,000 really compressed to little.
+    let mut huge = picture.clone();
+    huge[16..24].copy_from_slice(&[0, 0, 0xea, 0x60, 0, 0, 0xea, 0x60]);
+    burn("huge.png", &huge, &[]);
+    burn("huge.pgm", b"P5 60000 60000 255\n", &[]);
+    let flat = image::GrayImage::from_pixel(20_000, 20_000, image::Luma([7]));
+    flat.save(dir.join("bomb.png")).unwrap();
+    refused(dir, "burn bomb.png --calib calib.toml", &["bomb.png"]);
+    // Readable, and still not what is asked for.
+    image::GrayImage::from_pixel(640, 480, image::Luma([90])).save(dir.join("small.png")).unwrap();
+    refused(dir, "burn small.png --calib calib.toml", &["small.png", "640", "calib"]);
+    image::GrayImage::from_pixel(800, 600, image::Luma([90])).save(dir.join("flat.png")).unwrap();
+    refused(dir, "burn flat.png --calib calib.toml", &["flat.png", "ring"]);
+    refused(dir, "circles flat.png --calib calib.toml --expect-mm 5", &["flat.png", "5"]);
+    refused(dir, "rod captures.csv --calib calib.toml", &["captures.csv:3", "another position"]);
+    judge();
+}
+
+#[test]
+fn wrong_cells_are_named_with_line_and_column() {
+    let dir = workshop();
+    let dir = dir.path();
+    let says = |file: &str, text: &str, line: &str, words: &[&str]| {
+        std::fs::write(dir.join(file), text).unwrap();
+        refused(dir, line, words);
+    };
+    let rotary = "rotary t.csv --pivot-mm 573";
+    says("t.csv", "angle_deg,deviation_mm\n0,0.1\n5,NaN\n", rotary, &["t.csv:3", "deviation_mm"]);
+    says("t.csv", "angle_deg,deviation_mm\n0,0.1\n5,\n", rotary, &["t.csv:3", "deviation_mm"]);
+    says("t.csv", "angle_deg,deviation_mm\n0,0,1\n", rotary, &["t.csv:2"]);
+    says("t.csv", "angle_deg,deviation_mm\n0,1e999\n", rotary, &["t.csv:2", "deviation_mm"]);
+    says(
+        "t.csv",
+        "angle_deg,deviation_um\n0,1\n",
+        rotary,
+        &["deviation_um", "known columns", "deviation_mm"],
+    );
+    says("t.csv", "angle_deg;deviation_mm\n0;1\n", rotary, &["angle_deg;deviation_mm"]);
+    says("t.csv", "angle_deg,deviation_mm,deviation_mm\n0,1,1\n", rotary, &["twice"]);
+    says("t.csv", "angle_deg,deviation_mm\n", rotary, &["no rows"]);
+    // Micrometres under the name of millimetres, degrees where millimetres are due.
+    says("t.csv", "angle_deg,deviation_mm\n0,80\n5,9000\n10,7000\n", rotary, &["check the units"]);
+    let rod = "rod t.csv --calib calib.toml";
+    says("t.csv", "image,x_mm\nburn.png,1\n", rod, &["y_mm", "missing"]);
+    says("t.csv", "image,x_mm,y_mm\nnone.png,1,2\nnone.png,2,2\n", rod, &["none.png"]);
+    let rtcp = "rtcp inverse --machine machine.toml --poses t.csv";
+    says("t.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,4,inf\n", rtcp, &["t.csv:2", "c_deg"]);
+    says("t.csv", "x_mm,y_mm,z_mm,a_deg,c_deg\n1,2,3,4,5\n", rtcp, &["a_deg"]);
+    // TOML: unknown keys, wrong types, impossible numbers.
+    let solve = "solve t.toml";
+    let session = std::fs::read_to_string(dir.join("session.toml")).unwrap();
+    says("t.toml", &session.replace("x1_mm", "x1_inch"), solve, &["t.toml", "x1_inch"]);
+    says("t.toml", &session.replace("637.2948", "\"637,2948\""), solve, &["t.toml:"]);
+    says("t.toml", &session.replace("637.2948", "nan"), solve, &["t.toml", "x1_mm"]);
+    says("t.toml", &session.replace("x1_mm = 637.2948\n", ""), solve, &["t.toml", "x1_mm"]);
+    let machine = std::fs::read_to_string(dir.join("machine.toml")).unwrap();
+    says(
+        "t.toml",
+        &machine.replace("214.7001", "-214.7001"),
+        "machine t.toml",
+        &["t.toml", "r_mm"],
+    );
+    says(
+        "t.toml",
+        &machine.replace("schema = 1", "schema = 9"),
+        "machine t.toml",
+        &["t.toml", "9"],
+    );
+    let calib = std::fs::read_to_string(dir.join("calib.toml")).unwrap();
+    let burn = "burn burn.png --calib t.toml";
+    says("t.toml", &calib.replace("fx_px", "fx_mm"), burn, &["t.toml", "fx_mm"]);
+    says("t.toml", "schema = 1\n[scale]\nmm_per_px = 0.0\n", burn, &["t.toml", "mm_per_px"]);
+    says("t.toml", "schema = 1\n", burn, &["t.toml", "[camera]"]);
+    judge();
+}
+
+#[test]
+fn slips_of_the_hand_get_a_hint() {
+    let dir = workshop();
+    let dir = dir.path();
+    refused(dir, "burn brun.png --calib calib.toml", &["brun.png", "did you mean 'burn.png'?"]);
+    refused(dir, "burn burn.png --calib clib.toml", &["did you mean 'calib.toml'?"]);
+    refused(dir, "thermal fit --head heta/head.csv", &["did you mean 'heat'?"]);
+    refused(dir, "burm burn.png", &["burn"]);
+    refused(dir, "burn burn.png --calb calib.toml", &["--calib"]);
+    refused(dir, "burn burn.png --calib calib.toml --tolerance-mm=-1", &["--tolerance-mm"]);
+    refused(dir, "burn burn.png --calib calib.toml --tolerance-mm 0,01", &["0,01"]);
+    refused(dir, "burn . --calib calib.toml", &["folder"]);
+    refused(dir, "batch b*.jpg --job job.toml --out o", &["b*.jpg", "nothing to measure"]);
+    refused(dir, "rotary sweep.csv --pivot-mm 0", &["--pivot-mm"]);
+    refused(dir, "circles burn.png --calib calib.toml --expect-mm 900", &["900"]);
+    judge();
+}
+
+#[test]
+fn a_failed_run_leaves_the_old_result_as_it_was() {
+    let dir = workshop();
+    let dir = dir.path();
+    std::fs::write(dir.join("old.json"), "precious").unwrap();
+    refused(dir, "solve nosuch.toml --out old.json", &["nosuch.toml"]);
+    assert_eq!(std::fs::read_to_string(dir.join("old.json")).unwrap(), "precious");
+    refused(dir, "solve session.toml --out no/where/new.json", &["no/where", "does not exist"]);
+    refused(dir, "solve session.toml --out heat", &["heat", "is a folder"]);
+    refused(dir, "solve session.toml --write-machine no/where/m.toml", &["does not exist"]);
+    judge();
+}
