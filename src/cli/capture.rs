@@ -95,7 +95,7 @@ fn picture(feed: &mut Feed, timeout_s: f64, global: &Global) -> Result<Option<Sh
     feed.freshen();
     let start = std::time::Instant::now();
     while start.elapsed().as_secs_f64() < timeout_s {
-        match feed.next()? {
+        match feed.wait()? {
             Event::Shot(shot, _) => return Ok(Some(shot)),
             Event::Ended => return Ok(None),
             Event::Stalled(silent) => {

@@ -124,7 +124,7 @@ pub fn run(
     let mut view: Option<View> = None;
     let mut why = String::from("no frame came");
     while start.elapsed() < options.timeout {
-        let shot = match feed.next()? {
+        let shot = match feed.wait()? {
             Event::Shot(shot, _) => shot,
             Event::Stalled(silent) => {
                 tell(News::Stalled(silent))?;

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crate::error::{Error, Result};
-use crate::live::source::{Named, Shot, Source, name};
+use crate::live::source::{Named, Open, Shot, Source, name};
 
 /// A live source silent for this long is reported.
 const STALL: Duration = Duration::from_millis(1500);
@@ -116,7 +116,7 @@ impl Feed {
     }
 
     /// Waits for the next picture or for news of the source. A silent live source is reported again and again.
-    pub fn next(&mut self) -> Result<Event> {
+    pub fn wait(&mut self) -> Result<Event> {
         match &mut self.inner {
             Inner::Stored(source, stats) => Ok(match source.next()? {
                 Some(shot) => {
@@ -165,8 +165,6 @@ impl Drop for Feed {
         }
     }
 }
-
-type Open = dyn Fn(Arc<AtomicBool>) -> Result<Box<dyn Source>> + Send;
 
 /// The reading thread: opens, reads, opens again.
 fn keep_reading(open: &Open, shared: &Shared, stop: &Arc<AtomicBool>) {

@@ -44,10 +44,13 @@ pub(super) trait Source: Send {
     fn next(&mut self) -> Result<Option<Shot>>;
 }
 
+/// Opens a live source; its reads end where the flag is set.
+pub(super) type Open = dyn Fn(Arc<AtomicBool>) -> Result<Box<dyn Source>> + Send;
+
 /// What the user's words name.
 pub(super) enum Named {
     /// Goes on whether it is looked at or not; opened again where it is lost.
-    Live(Box<dyn Fn(Arc<AtomicBool>) -> Result<Box<dyn Source>> + Send>),
+    Live(Box<Open>),
     /// Waits to be read.
     Stored(Box<dyn Source>),
 }
@@ -72,7 +75,7 @@ pub(super) fn name(text: &str) -> Result<Named> {
     }
     if let (Ok(device), false) = (text.parse::<u32>(), path.exists()) {
         // Opened once here, so that a camera that is not there is an error at once.
-        drop(Video::device(device)?);
+        Video::device(device).map(|_| ())?;
         return Ok(Named::Live(Box::new(move |_| Ok(Box::new(Video::device(device)?)))));
     }
     if !path.exists() {
