@@ -40,8 +40,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut rows = Vec::new();
     let mut take = |feed: &mut Feed, at: Position| -> Result<bool> {
         let Some(shot) = picture(feed, args.timeout_s, global)? else { return Ok(false) };
-        // What cannot be decoded is not stored.
-        shot.frame()?;
         let name = store.add(&shot, at)?;
         global.say(format_args!("{name}  X {} Y {} C {}", at.x_mm, at.y_mm, at.c_deg));
         rows.push(json!({"image": name, "x_mm": at.x_mm, "y_mm": at.y_mm, "c_deg": at.c_deg}));
@@ -90,13 +88,18 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::good(Document { json: json.into(), rows, table }))
 }
 
-/// A picture begun after now; `None` at the source's end.
+/// A whole picture that came after now; `None` at the source's end.
 fn picture(feed: &mut Feed, timeout_s: f64, global: &Global) -> Result<Option<Shot>> {
     feed.freshen();
     let start = std::time::Instant::now();
     while start.elapsed().as_secs_f64() < timeout_s {
         match feed.wait()? {
-            Event::Shot(shot, _) => return Ok(Some(shot)),
+            // What cannot be decoded is not stored; a live source soon has another one.
+            Event::Shot(shot, _) => match shot.frame() {
+                Ok(_) => return Ok(Some(shot)),
+                Err(e) if feed.is_live() => global.say(e),
+                Err(e) => return Err(e),
+            },
             Event::Ended => return Ok(None),
             Event::Stalled(silent) => {
                 global.say(format_args!("STALLED: no frame for {:.1} s", silent.as_secs_f64()))

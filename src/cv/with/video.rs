@@ -16,9 +16,15 @@ pub struct Video {
     gray: Mat,
 }
 
+/// Failures are this program's to report, not OpenCV's warnings.
+fn quiet() -> Result<()> {
+    opencv::core::set_log_level(opencv::core::LogLevel::LOG_LEVEL_ERROR).map(|_| ()).map_err(failed)
+}
+
 impl Video {
     /// Opens the camera of this number.
     pub fn device(number: u32) -> Result<Self> {
+        quiet()?;
         let capture =
             videoio::VideoCapture::new(number as i32, videoio::CAP_ANY).map_err(failed)?;
         Self::opened(capture, || {
@@ -32,6 +38,7 @@ impl Video {
 
     /// Opens a video file.
     pub fn file(path: &Path) -> Result<Self> {
+        quiet()?;
         let name = path.to_string_lossy();
         let capture =
             videoio::VideoCapture::from_file(name.as_ref(), videoio::CAP_ANY).map_err(failed)?;
