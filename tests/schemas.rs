@@ -291,7 +291,16 @@ fn every_output_keeps_its_schema() {
     check("thermal compensate --model model.json --table heat/day.csv", &["/rows/0/correction_mm"]);
     write("bar.toml", "schema = 1\n[head]\ndelta_x_mm = 0.1\nr_mm = 400.0\n");
     check("simulate ballbar --model bar.toml --data bar.csv", &["/kind", "/rows/0/length_mm"]);
+    check(
+        &format!(
+            "calib check {burns}/burn-0001.png --calib {burns}/calib.toml --diameter-mm 5.751"
+        ),
+        &["/verdict", "/results/0/deviation_mm"],
+    );
+    check("calib target chessboard:8x6:5 --out target.svg", &["/points"]);
     check("config", &["/defaults"]);
+    // These need a machine that moves, or OpenCV: tests/calib.rs, tests/opencv.rs.
+    seen.extend(["calib-camera", "calib-laser", "calib-plane"].map(str::to_owned));
     let all: Value = serde_json::from_slice(&run(dir, "schema --format json").stdout).unwrap();
     let all: BTreeSet<String> = serde_json::from_value(all["schemas"].clone()).unwrap();
     assert_eq!(seen, all, "commands checked here, and commands with a schema");

@@ -13,7 +13,7 @@ use crate::measure::rod::Capture;
 use crate::uncertainty::{Verdict, k95};
 
 /// A circle of known diameter in one picture.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct DiameterReport {
     /// The picture.
     pub image: String,
@@ -60,7 +60,7 @@ pub fn diameter(
 }
 
 /// How far the plane has changed, as a mark at known machine positions shows it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct PlaneReport {
     /// Pictures in which the mark was found.
     pub captures_used: usize,

@@ -31,7 +31,7 @@ pub struct Shot {
 }
 
 /// One burn's share of the result.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct ShotReport {
     /// The picture.
     pub image: String,
@@ -46,7 +46,7 @@ pub struct ShotReport {
 }
 
 /// The offset and what it rests on.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Laser axis seen from the camera axis, on the plane.
     pub offset_mm: [f64; 2],

@@ -27,7 +27,7 @@ pub const CELLS: (usize, usize) = (8, 6);
 const NAMES: [&str; 9] = ["fx_px", "fy_px", "cx_px", "cy_px", "k1", "k2", "p1", "p2", "k3"];
 
 /// How one picture fared.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct ViewReport {
     /// The picture.
     pub image: String,
@@ -46,7 +46,7 @@ pub struct ViewReport {
 }
 
 /// One number of the lens.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Parameter {
     /// As in the calibration file; k1..k3, p1, p2 are its distortion.
     pub name: &'static str,
@@ -57,7 +57,7 @@ pub struct Parameter {
 }
 
 /// The lens and what is known of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Frame width.
     pub width_px: u32,

@@ -22,7 +22,7 @@ pub const LEAST_POSITIONS: usize = 5;
 const ODD_ONE_OUT: f64 = 5.0;
 
 /// How the camera is mounted, as far as the picture and the positions say.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
 #[serde(rename_all = "lowercase")]
 pub enum Orientation {
     /// The picture's u axis points within 45° of machine X.
@@ -34,7 +34,7 @@ pub enum Orientation {
 }
 
 /// How one capture fits.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct CaptureReport {
     /// The picture.
     pub image: String,
@@ -51,7 +51,7 @@ pub struct CaptureReport {
 }
 
 /// The plane's mapping and what is known of it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Size of a pixel in the plane where the camera axis meets it.
     pub mm_per_px: f64,

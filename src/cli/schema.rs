@@ -8,7 +8,7 @@ use super::{Outcome, render};
 use crate::error::{Error, Result};
 use crate::measure::{burn, circles};
 use crate::output::Document;
-use crate::{align, ballbar, demo, rotary, rtcp, thermal};
+use crate::{align, ballbar, calib, demo, rotary, rtcp, thermal};
 
 /// Print the JSON Schema of a command's output
 #[derive(Debug, clap::Args)]
@@ -28,6 +28,11 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("ballbar-simulate", |g| g.root_schema_for::<super::ballbar::Simulated>()),
     ("batch", |g| g.root_schema_for::<super::batch::Output>()),
     ("burn", |g| g.root_schema_for::<Pictures<burn::Report>>()),
+    ("calib-camera", |g| g.root_schema_for::<super::calib::camera::Output>()),
+    ("calib-check", |g| g.root_schema_for::<super::calib::check::Output>()),
+    ("calib-laser", |g| g.root_schema_for::<calib::laser::Report>()),
+    ("calib-plane", |g| g.root_schema_for::<calib::plane::Report>()),
+    ("calib-target", |g| g.root_schema_for::<super::calib::target::Output>()),
     ("circles", |g| g.root_schema_for::<Pictures<circles::Report>>()),
     ("config", |g| g.root_schema_for::<super::config::Output>()),
     ("demo", |g| g.root_schema_for::<demo::Report>()),

@@ -7,10 +7,11 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use crate::draw;
 use crate::error::Result;
-use crate::frame::Picture;
+use crate::frame::{Channel, Picture};
 use crate::measure::{burn, rod};
-use crate::output::create_folder;
+use crate::output::{create_folder, write_whole};
 use crate::rtcp::solve::{Readings, Solved, solve};
 use crate::uncertainty::{K95, Measured, Verdict};
 
@@ -132,6 +133,8 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
         rendered.picture.write_png(&path)?;
         let calibration = &rendered.camera.calibration;
         let measured = burn::measure(&Picture::read(&path)?, calibration, &wish, &image)?;
+        let overlay = draw::burn(&Picture::read(&path)?, calibration, &measured, &image)?;
+        write_whole(options.folder.join(format!("burn-{number}.overlay.png")), &overlay)?;
         let found = &measured.report;
         let passed = found.verdict == Verdict::Pass;
         let turn = [found.correction.b_deg, found.correction.shim_deg];
@@ -160,6 +163,11 @@ fn photographed_rod(machine: &VirtualMachine, options: &Options) -> Result<rod::
     let table = rendered.write(&options.folder, "rod")?;
     let captures = rod::read_captures(options.folder.join(table))?;
     let measured = rod::measure(&captures, &rendered.camera.calibration, &rod::Options::default())?;
+    let overlays =
+        draw::rod_captures(&captures, &rendered.camera.calibration, &measured, Channel::Auto)?;
+    for (number, overlay) in (1..).zip(overlays) {
+        write_whole(options.folder.join(format!("rod-{number:02}.overlay.png")), &overlay)?;
+    }
     Ok(measured.report)
 }
 

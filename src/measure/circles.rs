@@ -164,7 +164,7 @@ fn in_frame(
             .find_map(|c| {
                 let ring = measure_candidate(frame, view, &c, &candidates)?;
                 let off = (2.0 * ring.circle.radius / expect_mm - 1.0).abs();
-                (off < DIAMETER_WINDOW).then_some(ring)
+                (off < DIAMETER_WINDOW && is_edge(&ring)).then_some(ring)
             })
             .ok_or_else(|| {
                 Error::measure(
@@ -184,6 +184,14 @@ fn in_frame(
     }
     let pairs = pairs(&rings);
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
+}
+
+/// Whether what was measured is the edge of a circle. Background gathered into one wanders and has gaps: either
+/// alone may be a poor part or a covered one, both together are no circle.
+fn is_edge(ring: &Ring) -> bool {
+    const RAGGED: f64 = 0.03;
+    const WHOLE: f64 = 0.85;
+    ring.form_rms_mm < RAGGED * ring.circle.radius || ring.arc_coverage > WHOLE
 }
 
 /// Candidates in the order in which they are tried: strong ones near the expected radius first.

@@ -105,7 +105,9 @@ fn is_steady(c: &Candidate) -> bool {
 /// its own form small beside its radius.
 fn is_circle(ring: &Ring, least_coverage: f64) -> bool {
     let glare = ring.clipped_inside && ring.arc_coverage < 0.95;
-    !glare && ring.arc_coverage >= least_coverage && ring.form_rms_mm < MOST_FORM * ring.circle.radius
+    !glare
+        && ring.arc_coverage >= least_coverage
+        && ring.form_rms_mm < MOST_FORM * ring.circle.radius
 }
 
 /// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.

@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::super::pictures::keys;
-use super::super::{Global, Outcome, envelope};
+use super::super::{Global, Outcome, result};
 use crate::calib::lens::{self, Report};
 use crate::calib::target::Target;
 use crate::cv::Distortion;
@@ -32,6 +31,15 @@ pub struct Args {
     coverage: Option<PathBuf>,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output<'r> {
+    /// The target that was photographed.
+    target: String,
+    #[serde(flatten)]
+    report: &'r Report,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let made = lens::calibrate(&args.images, &args.target, args.distortion)?;
@@ -43,10 +51,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let report = &made.report;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = envelope("calib-camera", &args.images, &report.warnings);
-    json.insert("target".into(), args.target.to_string().into());
-    json.extend(keys(report, "calib camera")?);
-    Ok(Outcome::good(Document::single(json.into(), table(report))))
+    let output = Output { target: args.target.to_string(), report };
+    let json = result("calib-camera", &args.images, &report.warnings, &output);
+    Ok(Outcome::good(Document::single(json, table(report))))
 }
 
 fn table(r: &Report) -> String {

@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::super::pictures::keys;
-use super::super::{Global, Outcome, Status, envelope};
+use super::super::{Global, Outcome, Status, result, rows};
 use crate::calib::check::{self, DiameterReport, PlaneReport};
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
@@ -33,6 +32,26 @@ pub struct Args {
     tolerance_mm: f64,
 }
 
+/// What is printed.
+#[derive(schemars::JsonSchema)]
+#[serde(untagged)]
+#[allow(dead_code)] // Only described.
+pub enum Output {
+    Plane(PlaneReport),
+    Diameters(Diameters),
+}
+
+/// Circles of one known diameter.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Diameters {
+    /// Of all pictures.
+    verdict: Verdict,
+    /// What is known.
+    diameter_mm: f64,
+    /// Picture by picture.
+    results: Vec<DiameterReport>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     for (name, value) in
@@ -49,9 +68,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let captures = read_captures(path)?;
             let report = check::plane(&captures, &calibration, args.tolerance_mm)?;
             report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-            let mut json = envelope("calib-check", path, &report.warnings);
-            json.extend(keys(&report, &path.display().to_string())?);
-            Ok(outcome(Document::single(json.into(), plane_table(&report)), report.verdict))
+            let json = result("calib-check", path, &report.warnings, &report);
+            Ok(outcome(Document::single(json, plane_table(&report)), report.verdict))
         }
         (Some(known), false, images) => {
             let reports = images
@@ -69,16 +87,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 })
                 .collect::<Result<Vec<_>>>()?;
             let verdict = check::overall(reports.iter().map(|r| r.verdict));
-            let mut json = envelope("calib-check", images, &[]);
-            json.insert("verdict".into(), verdict.word().into());
-            json.insert("diameter_mm".into(), known.into());
-            let rows = reports
-                .iter()
-                .map(|r| Ok(keys(r, &r.image)?.into()))
-                .collect::<Result<Vec<serde_json::Value>>>()?;
-            json.insert("results".into(), rows.clone().into());
             let table = diameter_table(&reports, verdict);
-            Ok(outcome(Document { json: json.into(), rows, table }, verdict))
+            let diameters = Diameters { verdict, diameter_mm: known, results: reports };
+            let json = result("calib-check", images, &[], &diameters);
+            Ok(outcome(Document { json, rows: rows(&diameters.results), table }, verdict))
         }
         _ => Err(Error::option(
             "calib check",

@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::super::pictures::keys;
-use super::super::{Global, Outcome, envelope};
+use super::super::{Global, Outcome, result};
 use crate::calib::laser::{self, Report};
 use crate::camera::Calibration;
 use crate::error::Result;
@@ -37,9 +36,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         super::write(path, &calibration)?;
     }
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = envelope("calib-laser", &args.burns, &report.warnings);
-    json.extend(keys(&report, &args.burns.display().to_string())?);
-    Ok(Outcome::good(Document::single(json.into(), table(&report))))
+    let json = result("calib-laser", &args.burns, &report.warnings, &report);
+    Ok(Outcome::good(Document::single(json, table(&report))))
 }
 
 fn table(r: &Report) -> String {

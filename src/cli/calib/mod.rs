@@ -1,10 +1,10 @@
 //! `pivotsight calib`: from a bare camera to a calibration file, and whether it still holds.
 
-mod camera;
-mod check;
+pub mod camera;
+pub mod check;
 mod laser;
 mod plane;
-mod target;
+pub mod target;
 
 use std::path::Path;
 

@@ -3,8 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::super::pictures::keys;
-use super::super::{Global, Outcome, Status, envelope};
+use super::super::{Global, Outcome, Status, result};
 use crate::calib::plane::{self, Orientation, Report};
 use crate::camera::Lens;
 use crate::error::Result;
@@ -48,10 +47,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let report = &made.report;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let mut json = envelope("calib-plane", &args.captures, &report.warnings);
-    json.extend(keys(report, &args.captures.display().to_string())?);
+    let json = result("calib-plane", &args.captures, &report.warnings, report);
     Ok(Outcome {
-        document: Some(Document::single(json.into(), table(report))),
+        document: Some(Document::single(json, table(report))),
         status: if refused { Status::OutOfTolerance } else { Status::Good },
     })
 }

@@ -1,8 +1,8 @@
 //! `pivotsight calib target`: a target to print.
 
-use serde_json::json;
+use std::path::PathBuf;
 
-use super::super::{Global, Outcome, envelope};
+use super::super::{Global, Outcome, result};
 use crate::calib::target::{Page, Target, pdf, svg};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
@@ -13,6 +13,21 @@ pub struct Args {
     /// KIND:COLUMNSxROWS:PITCH_MM, as charuco:11x7:15, chessboard:10x7:25 (squares) or dots:9x7:10
     #[arg(value_name = "TARGET")]
     target: Target,
+}
+
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// The drawing.
+    file: PathBuf,
+    /// The paper it is for.
+    paper: String,
+    /// The paper's size.
+    page_mm: [f64; 2],
+    /// The pattern's size.
+    pattern_mm: [f64; 2],
+    /// Points a camera finds in it.
+    points: usize,
 }
 
 /// Runs the command.
@@ -34,17 +49,19 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
     }
     let (w, h) = (page.size_mm.x, page.size_mm.y);
-    let mut json = envelope("calib-target", args.target.to_string(), &[]);
-    json.insert("file".into(), json!(path));
-    json.insert("paper".into(), json!(page.paper));
-    json.insert("page_mm".into(), json!([w, h]));
-    json.insert("pattern_mm".into(), json!([args.target.size_mm().x, args.target.size_mm().y]));
-    json.insert("points".into(), json!(args.target.points_mm().len()));
+    let output = Output {
+        file: path.to_owned(),
+        paper: page.paper.to_string(),
+        page_mm: [w, h],
+        pattern_mm: args.target.size_mm().into(),
+        points: args.target.points_mm().len(),
+    };
+    let json = result("calib-target", args.target.to_string(), &[], &output);
     let table = format!(
         "{}: {} on {} ({w} × {h} mm). Print at 100 %, measure several squares together, and give `calib camera` the pitch measured.\n",
         path.display(),
         args.target,
         page.paper
     );
-    Ok(Outcome::good(Document::single(json.into(), table)))
+    Ok(Outcome::good(Document::single(json, table)))
 }
