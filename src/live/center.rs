@@ -57,7 +57,7 @@ pub struct Report {
     pub distance_u95_mm: f64,
     /// Axis moves that bring the camera axis over the centre.
     pub move_mm: [f64; 2],
-    /// Axis moves that bring the laser axis over it; null where the calibration has no [laser].
+    /// Axis moves that bring the laser axis over it; null where the calibration has no laser offset.
     pub move_laser_mm: Option<[f64; 2]>,
     /// Diameter in the last frame.
     pub diameter_mm: f64,
