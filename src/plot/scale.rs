@@ -21,6 +21,8 @@ impl Scale {
         let magnitude = low.abs().max(high.abs());
         let margin = if span > 1e-9 * magnitude && span > 1e-100 {
             0.04 * span
+        } else if magnitude == 0.0 {
+            1.0
         } else {
             (0.1 * magnitude).max(1e-9)
         };

@@ -126,8 +126,9 @@ impl Series {
 
     fn panel(&self) -> Panel {
         let origin = self.points[0].0;
-        let shifted: Vec<_> = self.points.iter().map(|p| (p.0 - origin, p.1, p.2)).collect();
-        let line: Vec<_> = shifted.iter().map(|p| (p.0, p.1)).collect();
+        let interval = |p: &(f64, f64, f64)| (p.0 - origin, p.1 - p.2, p.1 + p.2);
+        let shifted: Vec<_> = self.points.iter().map(interval).collect();
+        let line: Vec<_> = self.points.iter().map(|p| (p.0 - origin, p.1)).collect();
         let panel = Panel::new("days", self.label.clone())
             .title(format!("{} {}", self.command, self.key))
             .band("95 % interval", &shifted)
@@ -206,6 +207,13 @@ mod tests {
             limit: None,
             points,
         }
+    }
+
+    #[test]
+    fn the_plot_is_as_tall_as_the_values_and_their_intervals() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(2);
+        let svg = figure(&[made(12, |_| 214.7, &mut rng)]).to_svg();
+        assert!(svg.contains(">214.700<") && !svg.contains(">200<"), "{svg}");
     }
 
     #[test]
