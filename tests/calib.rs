@@ -270,7 +270,7 @@ fn the_rod_is_found_where_the_laser_would_be_over_it() {
     for k in 0..2 {
         let path = format!("/axis_center_mm/{k}");
         let away = number(&with, &path) - number(&without, &path);
-        assert!(away.abs() < 1e-4, "{away}");
+        assert!(away.abs() < 1e-3, "{away}");
         assert!(number(&with, &format!("/axis_center_u95_mm/{k}")) >= [0.01, 0.02][k]);
     }
 }

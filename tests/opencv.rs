@@ -267,6 +267,68 @@ mod with {
         assert!(code == Some(2) && words.contains("calib plane"), "{words}");
     }
 
+    /// OpenCV's own contours and ellipses agree with what is measured, and what is off is flagged.
+    #[test]
+    fn the_second_opinion_agrees_or_says_so() {
+        let burn = "images/burn-clean/burn-0001.png";
+        let (json, _, words) =
+            run(&["burn", burn, "--calib", "images/burn-clean/calib.toml", "--cross-check"]);
+        println!("{:#} {words}", json["cross_check"]);
+        for opinion in json["cross_check"].as_array().unwrap() {
+            assert_eq!(opinion["agrees"], true, "{opinion:#}");
+        }
+        let (json, _, words) = run(&[
+            "rod",
+            "images/rod-typical/rod-0001.csv",
+            "--calib",
+            "images/rod-typical/calib.toml",
+            "--cross-check",
+        ]);
+        println!("{:#} {words}", json["cross_check"]);
+        assert!(json["cross_check"].as_array().is_some_and(|o| !o.is_empty()));
+        // A result that is off by more than both uncertainties.
+        use pivotsight::measure::{CircleReport, cross};
+        let picture = Picture::read(burn).unwrap().into_frame(Channel::Auto);
+        let calibration =
+            pivotsight::camera::Calibration::read("images/burn-clean/calib.toml").unwrap();
+        let view = calibration.view(picture.width(), picture.height()).unwrap();
+        let (json, ..) = run(&["burn", burn, "--calib", "images/burn-clean/calib.toml"]);
+        let ring = &json["ring"];
+        let number = |v: &Value| v.as_f64().unwrap();
+        let report = CircleReport {
+            center_mm: [number(&ring["center_mm"][0]) + 0.02, number(&ring["center_mm"][1])],
+            center_px: [0.0; 2],
+            diameter_mm: number(&ring["diameter_mm"]),
+            center_u95_mm: [0.0005; 2],
+            diameter_u95_mm: 0.001,
+            edge_points: 0,
+            arc_coverage: 1.0,
+            form_rms_mm: 0.0,
+        };
+        let opinions = cross::circles(&picture, &view, &[("ring".into(), &report)]).unwrap();
+        assert_eq!(opinions[0].agrees, Some(false));
+        assert!(opinions[0].warning().unwrap().contains("beyond both uncertainties"));
+    }
+
+    /// A video file is read frame by frame, and one that is none is refused.
+    #[test]
+    fn video_files_are_read() {
+        let file = Path::new("/usr/share/doc/opencv-doc/examples/data/vtest.avi");
+        let (_, code, words) = run(&["center", "Cargo.toml", "--calib", "calib/scale.toml"]);
+        assert!(code == Some(2) && words.contains("cannot be opened as a video"), "{words}");
+        if !file.exists() {
+            println!("skipped: Debian's opencv-doc with vtest.avi is not installed");
+            return;
+        }
+        let mut video = cv::Video::file(file).unwrap();
+        let mut count = 0;
+        while let Some(frame) = video.read().unwrap() {
+            assert_eq!((frame.width, frame.height), (768, 576));
+            count += 1;
+        }
+        assert_eq!(count, 795);
+    }
+
     /// Pictures that do not determine the lens are said to be such.
     #[test]
     fn square_on_views_are_doubted() {

@@ -36,6 +36,13 @@ pub fn diameter(
     tolerance_mm: f64,
     subject: &str,
 ) -> Result<DiameterReport> {
+    if !(known_mm.is_finite() && known_mm > 0.0) {
+        return Err(Error::option(
+            "--diameter-mm",
+            format!("{known_mm} is not a diameter"),
+            "give a positive number in mm",
+        ));
+    }
     let options = circles::Options { expect_mm: vec![known_mm], channel: Channel::Auto };
     let seen = circles::measure(picture, calibration, &options, subject)?.report;
     let Some(circle) = seen.circles.first().map(|c| &c.circle) else {

@@ -111,12 +111,9 @@ pub fn calibrate(
             Ok(((gray.width as u32, gray.height as u32), look(&gray, target)?))
         })
         .collect();
-    let size = views
-        .iter()
-        .flatten()
-        .find(|v| v.1.is_some())
-        .map(|v| v.0)
-        .ok_or_else(|| nothing(images, target, views.iter().find_map(|v| v.as_ref().err())))?;
+    let Some(size) = views.iter().flatten().find(|v| v.1.is_some()).map(|v| v.0) else {
+        return Err(nothing(images.len(), target, views));
+    };
     let mut found = Vec::new();
     let mut rejected: Vec<Option<String>> = vec![None; images.len()];
     for (i, view) in views.into_iter().enumerate() {
@@ -147,18 +144,15 @@ fn look(gray: &Gray<u8>, target: &Target) -> Result<Option<BoardView>> {
     }))
 }
 
-fn nothing(images: &[PathBuf], target: &Target, first: Option<&Error>) -> Error {
-    // A reason that holds for every picture (OpenCV is missing) is the reason.
-    match first {
-        Some(Error::Option { option, reason, fix }) => {
-            Error::option(option.clone(), reason.clone(), fix.clone())
-        }
-        _ => Error::measure(
-            format!("{} pictures", images.len()),
+/// Why no picture is of use: a picture that cannot be read (or a program without OpenCV) says so itself.
+fn nothing<V>(count: usize, target: &Target, views: Vec<Result<V>>) -> Error {
+    views.into_iter().find_map(Result::err).unwrap_or_else(|| {
+        Error::measure(
+            format!("{count} pictures"),
             format!("none shows the whole of {target}"),
             "check the target's kind and its columns and rows (squares, not inner corners, for chessboards)",
-        ),
-    }
+        )
+    })
 }
 
 /// As [`calibrate`], from points already found; `found` has the views with their pictures' indices.
@@ -436,7 +430,7 @@ fn doubts(
                     _ => 2,
                 };
                 // As far out as the points reach: beyond that the warning above holds.
-                (0.5, u95 * reached.powi(power) * lens.fx_px)
+                (2.0, u95 * reached.powi(power) * lens.fx_px)
             }
         };
         if effect_px > limit {

@@ -4,9 +4,10 @@
 //! 1998) are candidates; the mark is the one that moves as the machine does, up to one scale, turn and handedness.
 //! Then its patch is registered in every picture by least squares (Lucas and Kanade 1981), brightness free.
 
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
+use crate::calib::register::Patch;
 use crate::find::blur;
 use crate::frame::{Frame, Gray};
 
@@ -16,8 +17,6 @@ const SIDE_PX: usize = 640;
 const CANDIDATES: usize = 12;
 /// How far a candidate may be from where an undistorted, untilted camera would see it: share of the frame's side.
 const STRAY: f64 = 0.03;
-/// Correlation with the reference patch below which a registration is no sighting of the mark.
-const LEAST_CORRELATION: f64 = 0.6;
 
 /// The mark in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,17 +60,19 @@ fn register_all(frames: &[Frame], chosen: &[Option<Blob>]) -> Vec<Option<Sightin
         return vec![None; frames.len()];
     };
     let factor = ((blob.sd / 12.0) as usize).max(1);
-    let patch = Patch::cut(
-        &frames[reference].reduce(factor),
-        reduced(blob.center, factor),
-        blob.sd / factor as f64,
-    );
+    let sd = blob.sd / factor as f64;
+    let half = (3.5 * sd + 3.0).ceil() as i64;
+    let square =
+        (-half..=half).flat_map(|y| (-half..=half).map(move |x| Vector2::new(x as f64, y as f64)));
+    // Whole pixels, so that the reference is not interpolated; any fixed point of the mark does as its place.
+    let place = reduced(blob.center, factor).map(f64::round);
+    let patch = Patch::cut(&frames[reference].reduce(factor), place, square.collect());
     frames
         .par_iter()
         .zip(chosen)
         .map(|(frame, blob)| {
             let rough = reduced((*blob)?.center, factor);
-            let (place, u) = patch.register(&frame.reduce(factor), rough)?;
+            let (place, u) = patch.register(&frame.reduce(factor), rough, 2.0 * half as f64)?;
             let k = factor as f64;
             Some(Sighting { pixel: place * k + Vector2::repeat((k - 1.0) / 2.0), u_px: u * k })
         })
@@ -208,118 +209,4 @@ fn similarity(from: Vector2<f64>, to: Vector2<f64>, handed: f64) -> Option<Matri
     let f = flip * from;
     let (c, s) = (f.dot(&to) / squared, f.perp(&to) / squared);
     Some(Matrix2::new(c, -s, s, c) * flip)
-}
-
-/// The reference picture of the mark: values on whole-pixel steps about its place.
-struct Patch {
-    half: i64,
-    values: Vec<f64>,
-}
-
-impl Patch {
-    /// Cuts it out; any fixed point of the mark does as its place.
-    fn cut(image: &Gray<f32>, center: Vector2<f64>, sd: f64) -> Self {
-        // Whole pixels, so that the reference is not interpolated.
-        let center = center.map(f64::round);
-        let half = (3.5 * sd + 3.0).ceil() as i64;
-        let values =
-            offsets(half).map(|d| cubic(image, center + d).map_or(f64::NAN, |v| v.0)).collect();
-        Self { half, values }
-    }
-
-    /// The place of the mark in another picture, and the standard uncertainty that the pixels' noise leaves.
-    fn register(&self, image: &Gray<f32>, rough: Vector2<f64>) -> Option<(Vector2<f64>, f64)> {
-        let mut place = rough;
-        let (mut gain, mut offset) = (1.0, 0.0);
-        let mut last = None;
-        for _ in 0..40 {
-            let mut normal = Matrix4::<f64>::zeros();
-            let mut right = Vector4::zeros();
-            let (mut squares, mut n) = (0.0, 0.0);
-            let (mut sums, mut products) = ([0.0; 2], [0.0; 3]);
-            for (d, &t) in offsets(self.half).zip(&self.values) {
-                let Some((value, slope)) = cubic(image, place + d) else { continue };
-                if t.is_nan() {
-                    continue;
-                }
-                let residual = value - gain * t - offset;
-                let row = Vector4::new(slope.x, slope.y, -t, -1.0);
-                normal += row * row.transpose();
-                right += row * residual;
-                squares += residual * residual;
-                n += 1.0;
-                sums = [sums[0] + t, sums[1] + value];
-                products =
-                    [products[0] + t * t, products[1] + value * value, products[2] + t * value];
-            }
-            if n < 0.5 * self.values.len() as f64 {
-                return None;
-            }
-            let inverse = normal.try_inverse()?;
-            let step = -(inverse * right);
-            // A patch is never farther off than its own size.
-            let shift = Vector2::new(step[0], step[1]).cap_magnitude(0.25 * self.half as f64);
-            place += shift;
-            gain += step[2];
-            offset += step[3];
-            if (place - rough).norm() > 2.0 * self.half as f64 {
-                return None;
-            }
-            let covariance = products[2] - sums[0] * sums[1] / n;
-            let spread = |i: usize| products[i] - sums[i] * sums[i] / n;
-            let correlation = covariance / (spread(0) * spread(1)).sqrt();
-            let variance = squares / (n - 4.0) * 0.5 * (inverse[(0, 0)] + inverse[(1, 1)]);
-            last = Some((correlation, variance.max(0.0).sqrt()));
-            if shift.norm() < 1e-4 {
-                break;
-            }
-        }
-        let (correlation, u) = last?;
-        (correlation > LEAST_CORRELATION).then_some((place, u))
-    }
-}
-
-fn offsets(half: i64) -> impl Iterator<Item = Vector2<f64>> {
-    (-half..=half).flat_map(move |y| (-half..=half).map(move |x| Vector2::new(x as f64, y as f64)))
-}
-
-/// Value and slope by Keys' cubic convolution; `None` near the border.
-fn cubic(image: &Gray<f32>, p: Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
-    let (x, y) = (p.x.floor(), p.y.floor());
-    if !(x >= 1.0 && y >= 1.0 && x + 3.0 <= image.width as f64 && y + 3.0 <= image.height as f64) {
-        return None;
-    }
-    let (wx, dx) = keys(p.x - x);
-    let (wy, dy) = keys(p.y - y);
-    let (mut value, mut slope) = (0.0, Vector2::zeros());
-    for j in 0..4 {
-        let row = &image.row(y as usize + j - 1)[x as usize - 1..x as usize + 3];
-        let (mut v, mut s) = (0.0, 0.0);
-        for i in 0..4 {
-            v += wx[i] * f64::from(row[i]);
-            s += dx[i] * f64::from(row[i]);
-        }
-        value += wy[j] * v;
-        slope += Vector2::new(wy[j] * s, dy[j] * v);
-    }
-    Some((value, slope))
-}
-
-/// Weights of the four neighbours and their derivatives, a = -1/2 (Keys 1981).
-fn keys(t: f64) -> ([f64; 4], [f64; 4]) {
-    let (t2, t3) = (t * t, t * t * t);
-    (
-        [
-            0.5 * (-t + 2.0 * t2 - t3),
-            0.5 * (2.0 - 5.0 * t2 + 3.0 * t3),
-            0.5 * (t + 4.0 * t2 - 3.0 * t3),
-            0.5 * (-t2 + t3),
-        ],
-        [
-            0.5 * (-1.0 + 4.0 * t - 3.0 * t2),
-            0.5 * (-10.0 * t + 9.0 * t2),
-            0.5 * (1.0 + 8.0 * t - 9.0 * t2),
-            0.5 * (-2.0 * t + 3.0 * t2),
-        ],
-    )
 }

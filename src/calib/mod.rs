@@ -6,4 +6,5 @@ pub mod laser;
 pub mod lens;
 pub mod mark;
 pub mod plane;
+pub mod register;
 pub mod target;

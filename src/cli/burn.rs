@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
 use crate::measure::CircleReport;
 use crate::measure::burn::{self, Options, Report, ToleranceKind};
+use crate::measure::cross;
 use crate::uncertainty::{Verdict, text};
 
 /// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
@@ -52,6 +53,9 @@ pub struct Args {
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Ask OpenCV for a second opinion on the same pictures (needs it built in)
+    #[arg(long)]
+    cross_check: bool,
 }
 
 /// Runs the command.
@@ -88,14 +92,25 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             Some(_) => Some(draw::burn(&picture, &calibration, &measured, &subject)?),
             None => None,
         };
-        Ok(Shown {
+        let mut shown = Shown {
             keys: pictures::keys(report, &subject)?,
             table: format!("{subject}\n{}", table(report)),
             warnings: report.warnings.clone(),
             good: report.verdict == Verdict::Pass,
             overlay,
-        })
+        };
+        if args.cross_check {
+            let frame = picture.frame(report.channel);
+            let view = calibration.view(frame.width(), frame.height())?;
+            shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
+        }
+        Ok(shown)
     })
+}
+
+/// The circles by name.
+fn named(r: &Report) -> [(String, &CircleReport); 2] {
+    [("ring".into(), &r.ring), ("spot".into(), &r.spot)]
 }
 
 fn table(r: &Report) -> String {

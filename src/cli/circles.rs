@@ -9,7 +9,9 @@ use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
 use crate::frame::{Channel, Picture};
+use crate::measure::CircleReport;
 use crate::measure::circles::{self, Options, Report};
+use crate::measure::cross;
 use crate::uncertainty::text;
 
 /// Measures circles of expected diameters: centres, diameters and how concentric they are
@@ -30,6 +32,9 @@ pub struct Args {
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Ask OpenCV for a second opinion on the same pictures (needs it built in)
+    #[arg(long)]
+    cross_check: bool,
 }
 
 /// Runs the command.
@@ -47,14 +52,25 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             None => None,
         };
         let report = &measured.report;
-        Ok(Shown {
+        let mut shown = Shown {
             keys: pictures::keys(report, &subject)?,
             table: format!("{subject}\n{}", table(report)),
             warnings: report.warnings.clone(),
             good: true,
             overlay,
-        })
+        };
+        if args.cross_check {
+            let frame = picture.frame(report.channel);
+            let view = calibration.view(frame.width(), frame.height())?;
+            shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
+        }
+        Ok(shown)
     })
+}
+
+/// The circles by name.
+fn named(r: &Report) -> Vec<(String, &CircleReport)> {
+    r.circles.iter().enumerate().map(|(i, c)| (format!("circle {i}"), &c.circle)).collect()
 }
 
 fn table(r: &Report) -> String {

@@ -5,6 +5,8 @@ mod ballbar;
 mod batch;
 mod burn;
 mod calib;
+mod capture;
+mod center;
 mod circles;
 mod config;
 mod demo;
@@ -93,6 +95,8 @@ impl Global {
 enum Command {
     Burn(burn::Args),
     Calib(calib::Args),
+    Capture(capture::Args),
+    Center(center::Args),
     Circles(circles::Args),
     Align(align::Args),
     Ballbar(ballbar::Args),
@@ -203,6 +207,8 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     match &cli.command {
         Command::Burn(args) => burn::run(args, global),
         Command::Calib(args) => calib::run(args, global),
+        Command::Capture(args) => capture::run(args, global),
+        Command::Center(args) => center::run(args, global),
         Command::Circles(args) => circles::run(args, global),
         Command::Align(args) => align::run(args, global),
         Command::Ballbar(args) => ballbar::run(args, global),

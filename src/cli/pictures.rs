@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use super::{Global, Outcome, Status, envelope};
 use crate::camera::Identity;
 use crate::error::{Error, Result};
+use crate::measure::cross::Opinion;
 use crate::output::{Document, create_folder, write_whole};
 
 /// What is printed of one picture, or of several.
@@ -44,6 +45,9 @@ pub struct Picture<R> {
     calibration: Option<Identity>,
     #[serde(flatten)]
     report: R,
+    /// OpenCV's second opinion, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_check: Option<Vec<Opinion>>,
 }
 
 /// A picture that could not be measured.
@@ -69,6 +73,15 @@ pub struct Shown {
     pub good: bool,
     /// The overlay as PNG, where one is asked for.
     pub overlay: Option<Vec<u8>>,
+}
+
+impl Shown {
+    /// Adds OpenCV's second opinion.
+    pub fn cross_check(&mut self, opinions: &[Opinion]) {
+        self.keys.insert("cross_check".into(), json!(opinions));
+        self.warnings.extend(opinions.iter().filter_map(Opinion::warning));
+        opinions.iter().for_each(|o| self.table.push_str(&format!("  {}\n", o.line())));
+    }
 }
 
 /// Measures every picture with `job` and builds what the command prints. A single picture that fails is the

@@ -8,7 +8,8 @@ use super::{Global, Outcome, result};
 use crate::camera::{Calibration, Identity};
 use crate::draw;
 use crate::error::Result;
-use crate::frame::Channel;
+use crate::frame::{Channel, Picture};
+use crate::measure::cross::{self, Opinion};
 use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
@@ -37,6 +38,9 @@ pub struct Args {
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
+    /// Ask OpenCV for a second opinion on the same pictures (needs it built in)
+    #[arg(long)]
+    cross_check: bool,
 }
 
 /// What is printed.
@@ -49,6 +53,9 @@ pub struct Output<'r> {
     overlays: Vec<PathBuf>,
     #[serde(flatten)]
     report: &'r Report,
+    /// OpenCV's second opinion, where it was asked for.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    cross_check: Option<Vec<Opinion>>,
 }
 
 /// Runs the command.
@@ -61,7 +68,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let captures = read_captures(&args.captures)?;
-    let measured = rod::measure(&captures, &calibration, &options)?;
+    let mut measured = rod::measure(&captures, &calibration, &options)?;
     if let Some(path) = &args.points {
         write_whole(path, points_csv(&captures, &measured).as_bytes())?;
     }
@@ -69,11 +76,37 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         Some(folder) => overlays(folder, &captures, &calibration, &measured, args.channel)?,
         None => Vec::new(),
     };
-    let report = &measured.report;
+    let cross_check = match args.cross_check {
+        true => Some(second_opinion(&captures, &calibration, &measured, args.channel)?),
+        false => None,
+    };
+    let opinions = || cross_check.iter().flatten();
+    let report = &mut measured.report;
+    report.warnings.extend(opinions().filter_map(Opinion::warning));
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let output = Output { calibration: identity, overlays, report };
-    let json = result("rod", &args.captures, &report.warnings, &output);
-    Ok(Outcome::good(Document::single(json, table(report))))
+    let mut words = table(report);
+    opinions().for_each(|o| words.push_str(&format!("{}\n", o.line())));
+    let output = Output { calibration: identity, overlays, report, cross_check };
+    let json = result("rod", &args.captures, &output.report.warnings, &output);
+    Ok(Outcome::good(Document::single(json, words)))
+}
+
+/// OpenCV's opinion on the rod.
+fn second_opinion(
+    captures: &[Capture],
+    calibration: &Calibration,
+    measured: &Measured,
+    channel: Channel,
+) -> Result<Vec<Opinion>> {
+    let frames = captures
+        .iter()
+        .map(|c| {
+            let frame = Picture::read(&c.path)?.into_frame(channel);
+            let view = calibration.view(frame.width(), frame.height())?;
+            Ok((frame, view))
+        })
+        .collect::<Result<Vec<_>>>()?;
+    cross::rod(&frames, captures, measured)
 }
 
 /// One picture a capture, numbered as in the table where a name comes twice.

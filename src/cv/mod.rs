@@ -12,11 +12,27 @@ use with as door;
 #[cfg(not(feature = "opencv"))]
 use without as door;
 
-pub use door::{built_in, calibrate, detect};
+pub use door::{Video, built_in, calibrate, contours, detect, fit_ellipse};
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 
 use crate::camera::Lens;
+
+/// An ellipse in a picture or a plane.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ellipse {
+    /// Its centre.
+    pub center: Vector2<f64>,
+    /// Its half axes.
+    pub axes: [f64; 2],
+}
+
+impl Ellipse {
+    /// Mean of the half axes.
+    pub fn radius(&self) -> f64 {
+        0.5 * (self.axes[0] + self.axes[1])
+    }
+}
 
 /// Points of a target seen in a picture.
 #[derive(Debug, Clone, Default)]

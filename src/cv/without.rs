@@ -1,7 +1,11 @@
 //! The same functions without the feature `opencv`: each says how to get it.
 
+use std::path::Path;
+
+use nalgebra::Vector2;
+
 use crate::calib::target::Target;
-use crate::cv::{BoardView, Detection, Distortion, LensFit};
+use crate::cv::{BoardView, Detection, Distortion, Ellipse, LensFit};
 use crate::error::{Error, Result};
 use crate::frame::Gray;
 
@@ -26,4 +30,34 @@ pub fn detect(_: &Gray<u8>, _: &Target) -> Result<Option<Detection>> {
 /// Needs OpenCV.
 pub fn calibrate(_: &[BoardView], _: (u32, u32), _: Distortion) -> Result<LensFit> {
     Err(missing("calib camera"))
+}
+
+/// Needs OpenCV.
+pub fn contours(_: &Gray<u8>, _: f64, _: f64) -> Result<Vec<Vec<Vector2<f64>>>> {
+    Err(missing("--cross-check"))
+}
+
+/// Needs OpenCV.
+pub fn fit_ellipse(_: &[Vector2<f64>]) -> Result<Option<Ellipse>> {
+    Err(missing("--cross-check"))
+}
+
+/// Cannot be: opening one is an error.
+pub struct Video(std::convert::Infallible);
+
+impl Video {
+    /// Needs OpenCV.
+    pub fn device(_: u32) -> Result<Self> {
+        Err(missing("a camera as SOURCE"))
+    }
+
+    /// Needs OpenCV.
+    pub fn file(_: &Path) -> Result<Self> {
+        Err(missing("a video file as SOURCE"))
+    }
+
+    /// Cannot be called.
+    pub fn read(&mut self) -> Result<Option<Gray<u8>>> {
+        match self.0 {}
+    }
 }

@@ -8,10 +8,11 @@ pub use coverage::coverage;
 
 use nalgebra::Vector2;
 
-use crate::camera::Calibration;
+use crate::camera::{Calibration, View};
 use crate::error::Result;
 use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
+use crate::live::center;
 use crate::measure::burn::{self, ToleranceKind};
 use crate::measure::{circles, ring::Ring, rod};
 use crate::uncertainty::{Verdict, text};
@@ -106,6 +107,32 @@ pub fn circles(
     lines.push(legend((report.pairs.len() == 1).then_some(factor)));
     lines.push(Line::faint(title));
     sheet.finish(&Line::plain(headline), &lines)
+}
+
+/// The overlay of a live frame as PNG: the circle, the camera axis, and where to move.
+pub fn center(frame: &Frame, view: &View, ring: &Ring, now: &center::Report) -> Result<Vec<u8>> {
+    let mut sheet = Sheet::new(frame, view);
+    rings(&mut sheet, &[ring]);
+    sheet.cross(Vector2::zeros(), 20.0, OFFSET);
+    let reach = 0.25 * frame.width().min(frame.height()) as f64;
+    let factor = sheet.offset(Vector2::zeros(), now.offset_mm.into(), reach, OFFSET);
+    sheet.scale_bar();
+    let [x, y] = now.offset_mm;
+    let [ux, uy] = now.offset_u95_mm;
+    let headline = Line::plain(format!("move X {}  Y {} mm", text(x, ux), text(y, uy)));
+    let lines = [
+        Line::plain(format!(
+            "offset of the centre from the camera axis, {} frames averaged",
+            now.frames_used
+        )),
+        Line(
+            format!("Ø {:.4} mm  edge found {:.0} %", now.diameter_mm, 100.0 * now.arc_coverage),
+            CIRCLES[0],
+        ),
+        Line(format!("yellow cross: camera axis, arrow: offset x {factor}"), OFFSET),
+        legend(None),
+    ];
+    sheet.finish(&headline, &lines)
 }
 
 /// The overlays of all captures of a rod as PNG, in their order; the pictures are read again.

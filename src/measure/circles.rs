@@ -210,6 +210,12 @@ pub(crate) fn measure_candidate(
     candidate: &Candidate,
     others: &[Candidate],
 ) -> Option<Ring> {
+    let (rough, search) = around(view, candidate, others);
+    ring::measure(frame, view, rough, search, None)
+}
+
+/// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.
+pub(crate) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
     let c = candidate.circle;
     let center = view.to_plane(c.center);
     let radius = c.radius * view.mm_per_px(c.center).determinant().abs().sqrt();
@@ -234,7 +240,7 @@ pub(crate) fn measure_candidate(
         outside_limit_px: outside,
         softness_px: candidate.softness_px.max(1.0),
     };
-    ring::measure(frame, view, Circle { center, radius }, search, None)
+    (Circle { center, radius }, search)
 }
 
 fn pairs(rings: &[Ring]) -> Vec<Pair> {

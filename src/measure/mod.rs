@@ -3,6 +3,7 @@
 pub mod burn;
 pub mod circles;
 mod concentric;
+pub mod cross;
 mod marks;
 pub mod ring;
 pub mod rod;

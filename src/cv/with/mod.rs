@@ -1,10 +1,14 @@
 //! What OpenCV does here, with the feature `opencv`.
 
 mod board;
+mod ellipse;
 mod lens;
+mod video;
 
 pub use board::detect;
+pub use ellipse::{contours, fit_ellipse};
 pub use lens::calibrate;
+pub use video::Video;
 
 use opencv::boxed_ref::BoxedRef;
 use opencv::core::Mat;

@@ -1,0 +1,116 @@
+//! `pivotsight capture`: pictures with the machine's position, in the manifest that `rod` reads.
+
+use std::io::BufRead;
+use std::path::PathBuf;
+
+use serde_json::json;
+
+use super::{Global, Outcome, envelope};
+use crate::error::{Error, Result};
+use crate::live::store::{Position, Store};
+use crate::live::{Event, Feed, Shot};
+use crate::output::Document;
+
+/// Stores pictures with the machine's position, typed in or read from a file, in the manifest that `rod` reads
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// A camera's number or a video file (need OpenCV built in), a folder of pictures, or an http:// MJPEG stream
+    #[arg(value_name = "SOURCE")]
+    source: String,
+    /// Folder for the pictures and captures.csv; an old one is continued
+    #[arg(long, value_name = "DIR")]
+    store: PathBuf,
+    /// Table of the positions in order: x_mm,y_mm and optionally c_deg; Enter takes the next picture of a live source.
+    /// Without it each line typed, X Y or X Y C, takes a picture
+    #[arg(long, value_name = "FILE")]
+    positions: Option<PathBuf>,
+    /// Live source: give up when no picture comes for this many seconds
+    #[arg(long, value_name = "S", default_value_t = 30.0)]
+    timeout_s: f64,
+}
+
+/// Runs the command.
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let mut feed = Feed::open(&args.source)?;
+    let mut store = Store::open(&args.store)?;
+    let mut lines = std::io::stdin().lock().lines();
+    let mut line = || -> Result<Option<String>> {
+        lines.next().transpose().map_err(|e| Error::io("standard input", "read", e))
+    };
+    let mut rows = Vec::new();
+    let mut take = |feed: &mut Feed, at: Position| -> Result<bool> {
+        let Some(shot) = picture(feed, args.timeout_s, global)? else { return Ok(false) };
+        let name = store.add(&shot, at)?;
+        global.say(format_args!("{name}  X {} Y {} C {}", at.x_mm, at.y_mm, at.c_deg));
+        rows.push(json!({"image": name, "x_mm": at.x_mm, "y_mm": at.y_mm, "c_deg": at.c_deg}));
+        Ok(true)
+    };
+    match &args.positions {
+        Some(path) => {
+            for at in Position::read(path)? {
+                if feed.is_live() {
+                    global.say(format_args!(
+                        "drive to X {} Y {} C {}, then press Enter",
+                        at.x_mm, at.y_mm, at.c_deg
+                    ));
+                    if line()?.is_none() {
+                        break;
+                    }
+                }
+                if !take(&mut feed, at)? {
+                    break;
+                }
+            }
+        }
+        None => {
+            global.say("type the machine's X Y, or X Y C; an empty line or the end of input ends");
+            while let Some(text) = line()?.filter(|t| !t.trim().is_empty()) {
+                match Position::parse(&text) {
+                    // A slip of the fingers costs a line, not the session.
+                    Err(e) => global.say(e),
+                    Ok(at) => {
+                        if !take(&mut feed, at)? {
+                            break;
+                        }
+                    }
+                }
+            }
+        }
+    }
+    let stats = feed.stats();
+    let mut json = envelope("capture", &args.source, &[]);
+    json.insert("manifest".into(), json!(store.manifest()));
+    json.insert("results".into(), rows.clone().into());
+    json.insert("received".into(), stats.received.into());
+    json.insert("dropped".into(), stats.dropped.into());
+    json.insert("reconnects".into(), stats.reconnects.into());
+    let table = format!("{}: {} captures added\n", store.manifest().display(), rows.len());
+    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+}
+
+/// A whole picture that came after now; `None` at the source's end.
+fn picture(feed: &mut Feed, timeout_s: f64, global: &Global) -> Result<Option<Shot>> {
+    feed.freshen();
+    let start = std::time::Instant::now();
+    while start.elapsed().as_secs_f64() < timeout_s {
+        match feed.wait()? {
+            // What cannot be decoded is not stored; a live source soon has another one.
+            Event::Shot(shot, _) => match shot.frame() {
+                Ok(_) => return Ok(Some(shot)),
+                Err(e) if feed.is_live() => global.say(e),
+                Err(e) => return Err(e),
+            },
+            Event::Ended => return Ok(None),
+            Event::Stalled(silent) => {
+                global.say(format_args!("STALLED: no frame for {:.1} s", silent.as_secs_f64()))
+            }
+            Event::Lost(reason) => global.say(format_args!("LOST: {reason}; trying again")),
+            Event::Back => global.say("the source is back"),
+        }
+    }
+    Err(Error::measure(
+        "source",
+        format!("no picture came for {timeout_s} s; what is stored is complete"),
+        "check the camera and start again: the folder is continued",
+    ))
+}

@@ -1,0 +1,131 @@
+//! Where pictures come from, told by how the user names it.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use crate::cv::Video;
+use crate::error::{Error, Result};
+use crate::frame::{Channel, Frame, Gray, Picture};
+use crate::live::jpeg;
+use crate::live::mjpeg::Stream;
+
+/// A picture as it came, not yet decoded where it came encoded: a picture that is dropped costs nothing.
+#[derive(Debug, Clone)]
+pub enum Shot {
+    /// JPEG, PNG or another format's bytes, and the file it came from, if any.
+    Encoded(Vec<u8>, Option<PathBuf>),
+    /// Decoded by the camera's driver.
+    Plain(Gray<u8>),
+}
+
+impl Shot {
+    /// The picture as one gray frame.
+    pub fn frame(&self) -> Result<Frame> {
+        match self {
+            Self::Plain(gray) => Ok(Frame::Eight(gray.clone())),
+            Self::Encoded(bytes, path) => {
+                let name = path.clone().unwrap_or_else(|| PathBuf::from("frame"));
+                if jpeg::is_cut_short(bytes) {
+                    return Err(Error::file(name, "is cut short", "wait for the next picture"));
+                }
+                match jpeg::luma(bytes) {
+                    Some(gray) => Ok(Frame::Eight(gray)),
+                    None => Ok(Picture::decode(name, bytes)?.into_frame(Channel::Auto)),
+                }
+            }
+        }
+    }
+}
+
+/// Something that delivers one picture after the other.
+pub(super) trait Source: Send {
+    /// The next picture; `None` at the end.
+    fn next(&mut self) -> Result<Option<Shot>>;
+}
+
+/// Opens a live source; its reads end where the flag is set.
+pub(super) type Open = dyn Fn(Arc<AtomicBool>) -> Result<Box<dyn Source>> + Send;
+
+/// What the user's words name.
+pub(super) enum Named {
+    /// Goes on whether it is looked at or not; opened again where it is lost.
+    Live(Box<Open>),
+    /// Waits to be read.
+    Stored(Box<dyn Source>),
+}
+
+/// A device's number, a file, a folder or a URL.
+pub(super) fn name(text: &str) -> Result<Named> {
+    if text.starts_with("http://") {
+        let url = text.to_owned();
+        Stream::check(&url)?;
+        return Ok(Named::Live(Box::new(move |stop| Ok(Box::new(Stream::open(&url, stop)?)))));
+    }
+    if text.contains("://") {
+        return Err(Error::option(
+            "SOURCE",
+            format!("'{text}' is a kind of stream that is not read"),
+            "give http:// (MJPEG), a device's number, a video file or a folder",
+        ));
+    }
+    let path = Path::new(text);
+    if path.is_dir() {
+        return Ok(Named::Stored(Box::new(Folder::open(path)?)));
+    }
+    if let (Ok(device), false) = (text.parse::<u32>(), path.exists()) {
+        // Opened once here, so that a camera that is not there is an error at once.
+        Video::device(device).map(|_| ())?;
+        return Ok(Named::Live(Box::new(move |_| Ok(Box::new(Video::device(device)?)))));
+    }
+    if !path.exists() {
+        return Err(Error::option(
+            "SOURCE",
+            format!("'{text}' does not exist"),
+            "give a device's number, a video file, a folder of pictures or an http:// stream",
+        ));
+    }
+    Ok(Named::Stored(Box::new(Video::file(path)?)))
+}
+
+impl Source for Video {
+    fn next(&mut self) -> Result<Option<Shot>> {
+        Ok(self.read()?.map(Shot::Plain))
+    }
+}
+
+/// The pictures of a folder in the order of their names.
+struct Folder(std::vec::IntoIter<PathBuf>);
+
+impl Folder {
+    fn open(path: &Path) -> Result<Self> {
+        let read = |e| Error::io(path, "read", e);
+        let mut files = Vec::new();
+        for entry in std::fs::read_dir(path).map_err(read)? {
+            let file = entry.map_err(read)?.path();
+            let extension = file.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+            if ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "pnm"]
+                .contains(&extension.as_str())
+            {
+                files.push(file);
+            }
+        }
+        if files.is_empty() {
+            return Err(Error::file(
+                path,
+                "has no pictures",
+                "give a folder with PNG, JPEG or TIFF files",
+            ));
+        }
+        files.sort();
+        Ok(Self(files.into_iter()))
+    }
+}
+
+impl Source for Folder {
+    fn next(&mut self) -> Result<Option<Shot>> {
+        let Some(path) = self.0.next() else { return Ok(None) };
+        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
+        Ok(Some(Shot::Encoded(bytes, Some(path))))
+    }
+}

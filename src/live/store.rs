@@ -1,0 +1,163 @@
+//! Captures on disk: the picture as it came, and its row in the manifest that `rod` reads. Both are written whole, the
+//! picture first: whatever happens afterwards, what is stored stays readable.
+
+use std::path::{Path, PathBuf};
+
+use image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use image::{ExtendedColorType, ImageEncoder};
+
+use crate::error::{Error, Result};
+use crate::live::Shot;
+use crate::output::{create_folder, write_whole};
+use crate::table::Table;
+
+/// The manifest's name and header.
+const MANIFEST: &str = "captures.csv";
+const HEADER: &str = "image,x_mm,y_mm,c_deg\n";
+
+/// Where the machine stands.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Position {
+    /// Machine X.
+    pub x_mm: f64,
+    /// Machine Y.
+    pub y_mm: f64,
+    /// Table angle.
+    pub c_deg: f64,
+}
+
+impl Position {
+    /// Reads `X Y [C]`, as an operator types it.
+    pub fn parse(line: &str) -> Result<Self> {
+        let numbers: Vec<f64> = line
+            .split([' ', ',', ';', '\t'])
+            .filter(|w| !w.is_empty())
+            .map_while(|w| w.parse().ok())
+            .collect();
+        let words = line.split([' ', ',', ';', '\t']).filter(|w| !w.is_empty()).count();
+        match numbers[..] {
+            [x_mm, y_mm, ref rest @ ..]
+                if words == numbers.len()
+                    && words <= 3
+                    && numbers.iter().all(|v| v.is_finite()) =>
+            {
+                Ok(Self { x_mm, y_mm, c_deg: rest.first().copied().unwrap_or(0.0) })
+            }
+            _ => Err(Error::option(
+                "position",
+                format!("'{}' is not X Y or X Y C", line.trim()),
+                "type the machine's X and Y in mm, and C in degrees where it is not 0",
+            )),
+        }
+    }
+
+    /// Reads a table of positions: `x_mm,y_mm` and optionally `c_deg`.
+    pub fn read(path: &Path) -> Result<Vec<Self>> {
+        let table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
+        let c = table.optional_column("c_deg")?;
+        (0..table.rows())
+            .map(|r| {
+                Ok(Self {
+                    x_mm: table.number(r, "x_mm")?,
+                    y_mm: table.number(r, "y_mm")?,
+                    c_deg: c.as_ref().map_or(0.0, |c| c[r]),
+                })
+            })
+            .collect()
+    }
+}
+
+/// A folder of captures; an old one is continued.
+#[derive(Debug)]
+pub struct Store {
+    folder: PathBuf,
+    manifest: String,
+    next: usize,
+}
+
+impl Store {
+    /// Opens or creates the folder.
+    pub fn open(folder: &Path) -> Result<Self> {
+        create_folder(folder)?;
+        let path = folder.join(MANIFEST);
+        let manifest = match std::fs::read_to_string(&path) {
+            Ok(text) if text.starts_with(HEADER) => text,
+            Ok(_) => {
+                return Err(Error::file(
+                    path,
+                    "was not written by this program",
+                    format!("choose another folder, or make its header {}", HEADER.trim()),
+                ));
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => HEADER.to_owned(),
+            Err(e) => return Err(Error::io(path, "read", e)),
+        };
+        Ok(Self { folder: folder.to_owned(), manifest, next: 1 })
+    }
+
+    /// Where the manifest is.
+    pub fn manifest(&self) -> PathBuf {
+        self.folder.join(MANIFEST)
+    }
+
+    /// Stores a picture under the next free number; gives its name.
+    pub fn add(&mut self, shot: &Shot, at: Position) -> Result<String> {
+        let (bytes, extension) = match shot {
+            Shot::Encoded(bytes, _) if bytes.starts_with(&[0xff, 0xd8]) => (bytes.clone(), "jpg"),
+            Shot::Encoded(bytes, path) => {
+                let known = path.as_ref().and_then(|p| p.extension()?.to_str());
+                (bytes.clone(), known.unwrap_or("png"))
+            }
+            Shot::Plain(gray) => {
+                let mut bytes = Vec::new();
+                PngEncoder::new_with_quality(
+                    &mut bytes,
+                    CompressionType::Fast,
+                    FilterType::Adaptive,
+                )
+                .write_image(
+                    &gray.data,
+                    gray.width as u32,
+                    gray.height as u32,
+                    ExtendedColorType::L8,
+                )
+                .map_err(|e| Error::measure("capture", e.to_string(), "report this"))?;
+                (bytes, "png")
+            }
+        };
+        let stem = loop {
+            let stem = format!("capture-{:04}", self.next);
+            let taken = ["jpg", "png", extension]
+                .iter()
+                .any(|e| self.folder.join(format!("{stem}.{e}")).exists());
+            self.next += 1;
+            if !taken {
+                break stem;
+            }
+        };
+        let name = format!("{stem}.{extension}");
+        write_whole(self.folder.join(&name), &bytes)?;
+        let row = format!("{name},{},{},{}\n", at.x_mm, at.y_mm, at.c_deg);
+        let longer = format!("{}{row}", self.manifest);
+        write_whole(self.manifest(), longer.as_bytes())?;
+        self.manifest = longer;
+        Ok(name)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn positions_are_read_as_operators_type_them() {
+        assert_eq!(
+            Position::parse("12.5 -3 90\n").unwrap(),
+            Position { x_mm: 12.5, y_mm: -3.0, c_deg: 90.0 }
+        );
+        assert_eq!(Position::parse("1,2").unwrap().c_deg, 0.0);
+        for bad in ["", "1", "1 2 3 4", "1 x", "nan 2"] {
+            assert!(Position::parse(bad).is_err(), "{bad}");
+        }
+    }
+}
