@@ -154,19 +154,46 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         }
     }
     let step = template.edge();
+    let disturbed = local_misfit(&matches, &alive, closed);
     let points: Vec<EdgePoint> = matches
         .iter()
         .zip(&alive)
-        .zip(&profiles.angle_rad)
-        .map(|((m, &a), &angle_rad)| EdgePoint {
+        .zip(profiles.angle_rad.iter().zip(&disturbed))
+        .map(|((m, &a), (&angle_rad, &here))| EdgePoint {
             angle_rad,
             distance_px: step.distance_px + m.measured.0,
-            variance_px2: m.measured.1 * (0.5 * m.misfit).max(1.0),
+            variance_px2: m.measured.1 * here.max(0.5 * m.misfit),
             usable: a > 0.0 && m.measured.1 < far,
         })
         .collect();
     let coverage = alive.iter().sum::<f64>() / n as f64;
     Some(Located { points, template, step, noise: noise.pixel2.sqrt(), coverage })
+}
+
+/// How much worse or better than usual the sectors near each one fit. Brushed metal disturbs the arcs along its
+/// lines, at both ends of a diameter, more than the others.
+fn local_misfit(matches: &[Match], alive: &[f64], closed: bool) -> Vec<f64> {
+    let n = matches.len();
+    let half = (n / 36).max(3);
+    let misfits: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
+    let typical = median(&misfits, alive);
+    (0..n)
+        .map(|s| {
+            let mut near: Vec<usize> = Vec::with_capacity(4 * half + 2);
+            for step in 0..=2 * half {
+                let place = (s + n + step).wrapping_sub(half);
+                if closed {
+                    near.extend([place % n, (place + n / 2) % n]);
+                } else if (n..2 * n).contains(&place) {
+                    near.push(place - n);
+                }
+            }
+            let (values, weights): (Vec<f64>, Vec<f64>) =
+                near.iter().map(|&i| (misfits[i], alive[i])).unzip();
+            let known = weights.iter().sum::<f64>() >= 5.0;
+            if known { median(&values, &weights).max(0.1 * typical) } else { typical.max(1.0) }
+        })
+        .collect()
 }
 
 /// The median over the sectors, bin by bin: the first guess of the common profile.

@@ -2,7 +2,8 @@
 //!
 //! A burnt or machined edge wanders: neighbouring points err together, and treating them as independent
 //! makes the uncertainty far too small. The residual covariance is modelled as white noise plus a wandering
-//! part, C = s² [(1 - φ) V + φ v̄ K(ℓ)], with K exponential or Gaussian in the distance between the points. φ, ℓ
+//! part, C = s² [(1 - φ) V + φ A K(ℓ) A], with K exponential or Gaussian in the distance between the points and A
+//! the same everywhere (a ragged edge) or as V has it (brushed metal disturbs some arcs more than others). φ, ℓ
 //! and the kernel's kind are averaged over a grid, weighted by their restricted likelihood (Patterson &
 //! Thompson 1971), so that the answer also carries the uncertainty of the correlation itself.
 
@@ -53,6 +54,9 @@ pub struct Fit {
     pub row_covariance: DMatrix<f64>,
 }
 
+/// Any kernel: without a share it has no say.
+const WHITE: Kernel = Kernel { shape: Shape::Exponential, as_noise: false };
+
 /// How much wider the interval of an edge that only wanders is than that of a stationary one.
 const UNSTEADY: f64 = 0.4;
 
@@ -60,9 +64,21 @@ const UNSTEADY: f64 = 0.4;
 const SHARES: [f64; 6] = [0.15, 0.35, 0.6, 0.8, 0.92, 0.98];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Kernel {
+enum Shape {
     Exponential,
     Gaussian,
+}
+
+/// How far wander reaches, and whether it is as large everywhere or as the white part.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Kernel {
+    shape: Shape,
+    as_noise: bool,
+}
+
+/// All kernels of a shape.
+fn kernels(shape: Shape) -> [Kernel; 2] {
+    [false, true].map(|as_noise| Kernel { shape, as_noise })
 }
 
 struct Candidate {
@@ -88,7 +104,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         return None;
     }
     let grid = grid(rows, known);
-    let mut candidates = vec![candidate(rows, mean_variance, 0.0, 1.0, Kernel::Exponential)?];
+    let mut candidates = vec![candidate(rows, mean_variance, 0.0, 1.0, WHITE)?];
     candidates[0].log_likelihood += grid.white.ln();
     for (kernel, length, probability) in grid.kernels {
         for share in SHARES {
@@ -148,9 +164,9 @@ fn grid(rows: &Rows, known: Option<&Wander>) -> Wander {
     let mut own = Vec::new();
     let mut length = spacing;
     while length < 0.25 * extent {
-        own.push((Kernel::Exponential, length, spacing / length));
+        own.extend(kernels(Shape::Exponential).map(|k| (k, length, spacing / length)));
         if length < 0.15 * extent {
-            own.push((Kernel::Gaussian, length, spacing / length));
+            own.extend(kernels(Shape::Gaussian).map(|k| (k, length, spacing / length)));
         }
         length *= 2.0;
     }
@@ -163,9 +179,9 @@ fn grid(rows: &Rows, known: Option<&Wander>) -> Wander {
     let room = 0.2;
     own.iter_mut().for_each(|k| k.2 *= room);
     // Wander as long as the edge itself cannot be told from its place and size: it would make both meaningless.
-    let longest = |kernel: Kernel| match kernel {
-        Kernel::Exponential => 0.5 * extent,
-        Kernel::Gaussian => 0.25 * extent,
+    let longest = |kernel: Kernel| match kernel.shape {
+        Shape::Exponential => 0.5 * extent,
+        Shape::Gaussian => 0.25 * extent,
     };
     let fits = |k: &&(Kernel, f64, f64)| k.2 > 1e-3 && k.1 < longest(k.0) && k.1 > 0.5 * spacing;
     let told = known.kernels.iter().filter(fits);
@@ -205,11 +221,16 @@ fn block(
         for j in 0..=i {
             let value = if share > 0.0 {
                 let s = (rows.place[at + i] - rows.place[at + j]).norm() / length;
+                let size = if kernel.as_noise {
+                    (rows.variance[at + i] * rows.variance[at + j]).sqrt()
+                } else {
+                    mean_variance
+                };
                 share
-                    * mean_variance
-                    * match kernel {
-                        Kernel::Exponential => (-s).exp(),
-                        Kernel::Gaussian => (-0.5 * s * s).exp(),
+                    * size
+                    * match kernel.shape {
+                        Shape::Exponential => (-s).exp(),
+                        Shape::Gaussian => (-0.5 * s * s).exp(),
                     }
             } else {
                 0.0
