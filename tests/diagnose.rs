@@ -168,3 +168,114 @@ fn bad_input_is_told_what_to_do() {
     ];
     assert_eq!(json(&plan, folder)["detectable"].as_array().unwrap().len(), 24);
 }
+
+const HOSE: &str = r#"
+schema = 1
+[[effects]]
+name = "hose-drag"
+kind = "rtcp"
+meaning = "the cooling hose pulls the head sideways, more as B swings over zero"
+best = "B from -90 to +90 at one C"
+[effects.parameters]
+pull_mm = { typical = 0.01 }
+[effects.outputs]
+dy_mm = "pull_mm * tanh(b_deg / 20)"
+dz_mm = "0.5 * pull_mm * abs(sin(b_deg * PI / 180))"
+"#;
+
+#[test]
+fn an_effect_of_the_users_own_is_named_written_and_read_back() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    std::fs::write(folder.join("own.toml"), HOSE).unwrap();
+    let truth = "[[effects]]\nname = \"hose-drag\"\nparameters = { pull_mm = 0.006 }\n";
+    std::fs::write(folder.join("truth.toml"), format!("{MACHINE}{truth}")).unwrap();
+    let simulate = [
+        "simulate",
+        "rtcp",
+        "--model",
+        "truth.toml",
+        "--data",
+        "plan.csv",
+        "--noise-mm",
+        "0.002",
+        "--effects",
+        "own.toml",
+        "--format",
+        "csv",
+        "--out",
+        "data.csv",
+    ];
+    let output = run(&simulate, folder);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let alone = json(&DIAGNOSE, folder);
+    let known = |e: &Value| e["name"] == "hose-drag";
+    assert!(!alone["effects"].as_array().unwrap().iter().any(known));
+
+    let with = [&DIAGNOSE[..], &["--effects", "own.toml", "--write-model", "found.toml"]].concat();
+    let report = json(&with, folder);
+    assert_eq!(report["verdict"], "named");
+    assert_eq!(report["effects"].as_array().unwrap().len(), 1, "{}", report["effects"]);
+    let effect = &report["effects"][0];
+    assert_eq!(effect["name"], "hose-drag");
+    let value = effect["parameters"]["pull_mm"].as_f64().unwrap();
+    let u95 = effect["parameters_u95"]["pull_mm"].as_f64().unwrap();
+    assert!((value - 0.006).abs() < 1.6 * u95 && u95 < 6e-4, "{value} ± {u95}");
+    let model = std::fs::read_to_string(folder.join("found.toml")).unwrap();
+    assert!(model.contains("hose-drag") && model.contains("parameters_u95"), "{model}");
+
+    let mut again = DIAGNOSE.to_vec();
+    again[3] = "found.toml";
+    again.extend(["--effects", "own.toml"]);
+    assert_eq!(json(&again, folder)["verdict"], "consistent");
+}
+
+#[test]
+fn a_bad_effects_file_is_told_where() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    simulate("", folder);
+    for (from, to, words) in [
+        ("tanh(b_deg / 20)", "tanh(b_deg / 20", "outputs.dy_mm"),
+        (
+            "tanh(b_deg / 20)",
+            "tanh(beta / 20)",
+            "'beta' is neither a parameter nor one of the columns",
+        ),
+        ("tanh(b_deg / 20)", "ln(b_deg)", "gives no number"),
+        ("dz_mm =", "length_mm =", "is not an output; there are dx_mm, dy_mm, dz_mm"),
+        ("typical = 0.01", "typical = 0.0", "parameters.pull_mm"),
+        ("hose-drag", "b-zero", "is a name of the library"),
+        ("kind = \"rtcp\"", "kind = \"laser\"", "write rtcp, rod"),
+        ("best =", "bset =", "bset"),
+    ] {
+        std::fs::write(folder.join("own.toml"), HOSE.replace(from, to)).unwrap();
+        let output = run(&[&DIAGNOSE[..], &["--effects", "own.toml"]].concat(), folder);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{words}: {said}");
+        assert!(said.contains("own.toml") && said.contains(words), "{words}: {said}");
+    }
+    let order = "[kinematics]\norder = \"w b X Y Z C B t\"\n";
+    std::fs::write(folder.join("machine.toml"), format!("{MACHINE}{order}")).unwrap();
+    let said = String::from_utf8_lossy(&run(&DIAGNOSE, folder).stderr).into_owned();
+    assert!(said.contains("B in the head and C in the table"), "{said}");
+}
+
+/// Burn tests have no baseline to fit: the model may be empty.
+#[test]
+fn burns_with_nothing_wrong_are_consistent() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut csv = String::from("height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n");
+    for k in 0..60 {
+        let wave = |f: f64| 0.002 * ((k * k) as f64 * f).sin();
+        let (height, b) = (10 * (1 + k % 5), 30 * (k * 7 % 7) - 90);
+        writeln!(csv, "{height},{},{b},{},{},{}", 100 * (1 + k % 3), 40 * k, wave(1.7), wave(2.3))
+            .unwrap();
+    }
+    std::fs::write(folder.join("burn.csv"), csv).unwrap();
+    let report = json(&["diagnose", "burn", "--data", "burn.csv", "--format", "json"], folder);
+    assert_eq!(report["verdict"], "consistent", "{report}");
+}

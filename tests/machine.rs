@@ -274,8 +274,11 @@ name = "b-backlash"
 parameters = { width_deg = 0.0042 }
 "#;
     let machine = Machine::parse("m.toml", text).unwrap();
-    let effect =
-        Effect { name: "b-backlash".into(), parameters: [("width_deg".to_owned(), 0.0042)].into() };
+    let effect = Effect {
+        name: "b-backlash".into(),
+        parameters: [("width_deg".to_owned(), 0.0042)].into(),
+        ..Effect::default()
+    };
     assert_eq!(machine.effects, [effect]);
     assert_eq!(Machine::parse("again.toml", &machine.to_toml()).unwrap(), machine);
 

@@ -10,6 +10,7 @@ mod rod;
 mod rtcp;
 mod score;
 
+use pivotsight::diagnose::experiment::PlannedCapture;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -30,7 +31,12 @@ pub struct Case {
     pub noise_mm: Option<f64>,
     /// The truth.
     pub truth: Truth,
+    /// Measures further captures of the same machine: more lines of CSV.
+    pub more: More,
 }
+
+/// Measures planned captures.
+pub type More = Box<dyn FnMut(&[PlannedCapture]) -> String>;
 
 fn main() {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
@@ -54,18 +60,17 @@ fn main() {
         let mut tally = score::Tally::default();
         let started = std::time::Instant::now();
         for index in 0..count {
-            let mut case_rng = ChaCha8Rng::seed_from_u64(rng.random());
-            let case = match kind {
-                "rtcp" => rtcp::case(sort, index, &mut case_rng),
-                "rod" => rod::case(sort, index, &mut case_rng),
-
-                "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, &mut case_rng),
+            let case_rng = ChaCha8Rng::seed_from_u64(rng.random());
+            let mut case = match kind {
+                "rtcp" => rtcp::case(sort, index, case_rng),
+                "rod" => rod::case(sort, index, case_rng),
+                "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, case_rng),
                 other => {
                     eprintln!("no generator for '{other}'");
                     std::process::exit(2);
                 }
             };
-            tally.add(sort, &case, kind);
+            tally.add(sort, &mut case, kind);
         }
         tally.print(sort, started.elapsed().as_secs_f64() / count as f64);
     }

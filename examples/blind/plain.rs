@@ -1,9 +1,10 @@
 //! Hidden effects in `ballbar`, `thermal` and `burn` data.
 
 use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
 
 use pivotsight::diagnose::data::columns::ColumnsExperiment;
-use pivotsight::diagnose::experiment::Experiment;
+use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 use pivotsight::machine::{Head, Machine, Table as Origin};
 use pivotsight::table::Table;
 
@@ -150,7 +151,8 @@ fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
 }
 
 /// One case of a kind.
-pub fn case(kind: &str, sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
+pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+    let rng = &mut own;
     let (rows, names, noise) = match kind {
         "burn" => (burn_plan(rng), BURN, 0.003),
         "thermal" => (thermal_plan(rng), THERMAL, 0.001),
@@ -182,18 +184,14 @@ pub fn case(kind: &str, sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         ],
         _ => vec![column(&|_| 1.0), column(&|r| r[0].sin()), column(&|r| r[0].cos())],
     };
-    let mut values = vec![[0.0; 2]; rows.len()];
+    let mut sizes = Vec::new();
     for e in &hidden {
         let unit: Vec<f64> = rows
             .iter()
             .flat_map(|r| e(r, 1e-6).into_iter().take(outputs).collect::<Vec<_>>())
             .collect();
-        let size = sort.z * noise * 1e-6 / length_beyond(unit, &nuisances).max(1e-15);
-        for (v, r) in values.iter_mut().zip(&rows) {
-            let x = e(r, size);
-            v[0] += x[0];
-            v[1] += x[1];
-        }
+        let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
+        sizes.push(z * noise * 1e-6 / length_beyond(unit, &nuisances).max(1e-15));
     }
     let mut csv = String::from(match kind {
         "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
@@ -201,36 +199,71 @@ pub fn case(kind: &str, sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         _ => "b_deg,z_mm,dir,temp_c,length_mm\n",
     });
     let (dx, dz) = (0.05 * gauss(rng), 0.05 * gauss(rng));
-    for (r, v) in rows.iter().zip(&values) {
-        csv += &match kind {
-            "burn" => format!(
-                "{},{},{},{},{:.7},{:.7}\n",
-                r[0],
-                r[1],
-                r[2],
-                r[3],
-                v[0] + noise * gauss(rng),
-                v[1] + noise * gauss(rng)
-            ),
+    let of = kind.to_owned();
+    let mut line = move |r: &Row| -> String {
+        let mut v = [0.0; 2];
+        for (e, a) in hidden.iter().zip(&sizes) {
+            let x = e(r, *a);
+            v = [v[0] + x[0], v[1] + x[1]];
+        }
+        let mut random = || noise * gauss(&mut own);
+        match of.as_str() {
+            "burn" => {
+                let (dx, dy) = (v[0] + random(), v[1] + random());
+                format!("{},{},{},{},{dx:.7},{dy:.7}\n", r[0], r[1], r[2], r[3])
+            }
             "thermal" => {
                 let base = 0.003 * r[2] - 0.0015 * r[3] + 1e-5 * (r[1] - 20.0) * (r[0] - 150.0);
-                format!(
-                    "{},x,{},{:.5},{:.5},{:.5},{:.7}\n",
-                    r[4],
-                    r[0],
-                    r[1],
-                    r[2],
-                    r[3],
-                    base + v[0] + noise * gauss(rng)
-                )
+                let error = base + v[0] + random();
+                format!("{},x,{},{:.5},{:.5},{:.5},{error:.7}\n", r[4], r[0], r[1], r[2], r[3])
             }
             _ => {
-                let length = 400.0 + stretch(r, dx, dz)[0] + v[0] + noise * gauss(rng);
+                let length = 400.0 + stretch(r, dx, dz)[0] + v[0] + random();
                 format!("{:.6},{:.6},{},{:.3},{length:.7}\n", r[0].to_degrees(), r[1], r[2], r[3])
             }
-        };
+        }
+    };
+    for r in &rows {
+        csv += &line(r);
     }
-    Case { csv, noise_mm: None, truth }
+    let mut last = rows[rows.len() - 1].clone();
+    let of = kind.to_owned();
+    let more = move |captures: &[PlannedCapture]| -> String {
+        let lines = captures.iter().map(|capture| {
+            let old = last.clone();
+            let get = |name: &str, old: f64| capture.0.get(name).copied().unwrap_or(old);
+            last = match of.as_str() {
+                "burn" => vec![
+                    get("height_mm", old[0]),
+                    get("power_w", old[1]),
+                    get("b_deg", old[2]),
+                    old[3] + 45.0,
+                ],
+                "thermal" => {
+                    let screw = get("screw_c", old[1]);
+                    // The head stays as it is: its lag dies away.
+                    let lagged = old[2] + (old[5] - old[2]) * 0.9;
+                    let warming = f64::signum(screw - old[1]);
+                    vec![
+                        get("position_mm", old[0]),
+                        screw,
+                        old[2],
+                        old[3],
+                        old[4] + 60.0,
+                        lagged,
+                        warming,
+                    ]
+                }
+                _ => {
+                    let b = get("b_deg", 0.0).to_radians();
+                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3]]
+                }
+            };
+            line(&last)
+        });
+        lines.collect()
+    };
+    Case { csv, noise_mm: None, truth, more: Box::new(more) }
 }
 
 /// The data as the diagnosis reads them.

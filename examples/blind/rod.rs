@@ -1,10 +1,11 @@
 //! Hidden effects in edge points of a check rod: the real edge is traced point by point into pixels.
 
 use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
 
 use pivotsight::camera::{Calibration, Lens, Mapping};
 use pivotsight::diagnose::data::rod::RodExperiment;
-use pivotsight::diagnose::experiment::Experiment;
+use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 
 use crate::plans::{gauss, shuffled};
 use crate::score::Sort;
@@ -307,7 +308,8 @@ fn worth(e: &Effect, captures: &[Capture]) -> f64 {
 }
 
 /// One case.
-pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
+pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+    let rng = &mut own;
     let captures = plan(sort, rng);
     let mut truth = Truth::default();
     let mut hidden: Vec<Effect> = Vec::new();
@@ -338,7 +340,9 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         })
         .collect();
     let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,temp_c,dir_x,dir_y,u_px,v_px\n");
-    for (k, c) in captures.iter().enumerate() {
+    let mut lines = move |k: usize, c: &Capture| -> String {
+        let mut csv = String::new();
+        let rng = &mut own;
         let jitter = [JITTER_MM * gauss(rng), JITTER_MM * gauss(rng)];
         for p in 0..POINTS {
             let phi =
@@ -373,8 +377,25 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
                 c.dir_y
             );
         }
+        csv
+    };
+    for (k, c) in captures.iter().enumerate() {
+        csv += &lines(k, c);
     }
-    Case { csv, noise_mm: None, truth }
+    let (mut count, mut last) = (captures.len(), captures[captures.len() - 1].clone());
+    let more = move |planned: &[PlannedCapture]| -> String {
+        let measured = planned.iter().map(|p| {
+            let get = |name: &str| p.0.get(name).copied().unwrap_or(0.0);
+            last.t += 40.0;
+            last.approach = 10.0;
+            (last.x, last.y, last.c) = (get("x_mm"), get("y_mm"), get("c_deg").to_radians());
+            (last.dir_x, last.dir_y) = (get("dir_x"), get("dir_y"));
+            count += 1;
+            lines(count - 1, &last)
+        });
+        measured.collect()
+    };
+    Case { csv, noise_mm: None, truth, more: Box::new(more) }
 }
 
 /// The data as the diagnosis reads them.

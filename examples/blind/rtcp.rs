@@ -1,9 +1,10 @@
 //! Hidden effects in RTCP sweeps, from plain trigonometry rather than the library's rotations.
 
 use rand::{Rng, RngExt};
+use rand_chacha::ChaCha8Rng;
 
 use pivotsight::diagnose::data::rtcp::RtcpExperiment;
-use pivotsight::diagnose::experiment::Experiment;
+use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 use pivotsight::machine::{Head, Machine, Table as TableOrigin, Target};
 
 use crate::plans::{gauss, length_beyond, shuffled};
@@ -190,7 +191,9 @@ fn effect(name: &str, rows: &[Row], rng: &mut impl Rng) -> Effect {
             }
             Box::new(move |r, a| {
                 let i = warm.partition_point(|(t, _)| *t < r.t - 1e-9);
-                let g = a * 0.2 * warm[i.min(warm.len() - 1)].1;
+                // After the run: in balance with the air.
+                let state = warm.get(i).map_or(r.temp - 20.0, |w| w.1);
+                let g = a * 0.2 * state;
                 [-g * r.b.sin(), 0.0, -g * r.b.cos()]
             })
         }
@@ -273,7 +276,8 @@ fn stranger(outside: bool, rows: &[Row], rng: &mut impl Rng) -> (&'static str, E
 }
 
 /// One case.
-pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
+pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+    let rng = &mut own;
     let rows = plan(sort, rng);
     let mut truth = Truth::default();
     let mut hidden: Vec<Effect> = Vec::new();
@@ -295,7 +299,7 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         truth.unknown = Some(variable);
         hidden.push(e);
     }
-    let mut d = vec![[0.0; 3]; rows.len()];
+    let mut sizes = Vec::new();
     // The target's place: fixed to the table.
     let nuisance: Vec<Vec<f64>> = (0..3)
         .map(|k| {
@@ -312,17 +316,16 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
         let seen = length_beyond(unit, &nuisance) / 1e-6;
         let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
         let size = if seen > 1e-6 { z * NOISE_MM / seen } else { 0.05 };
-        for (total, r) in d.iter_mut().zip(&rows) {
-            *total = plus(*total, e(r, size));
-        }
+        sizes.push(size);
     }
     let shift = [0.03 * gauss(rng), 0.03 * gauss(rng), 0.03 * gauss(rng)];
     let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm,dir_b,dir_c,t_s,temp_c\n");
-    for (r, d) in rows.iter().zip(&d) {
+    let mut line = move |r: &Row| -> String {
+        let total = hidden.iter().zip(&sizes).fold([0.0; 3], |d, (e, a)| plus(d, e(r, *a)));
         let (s, c) = r.c.sin_cos();
         let n = [c * shift[0] - s * shift[1], s * shift[0] + c * shift[1], shift[2]];
-        let d: [f64; 3] = std::array::from_fn(|i| d[i] - n[i] + NOISE_MM * gauss(rng));
-        csv += &format!(
+        let d: [f64; 3] = std::array::from_fn(|i| total[i] - n[i] + NOISE_MM * gauss(&mut own));
+        format!(
             "{:.6},{:.6},{:.7},{:.7},{:.7},{},{},{:.2},{:.3}\n",
             r.b.to_degrees(),
             r.c.to_degrees(),
@@ -333,9 +336,24 @@ pub fn case(sort: &Sort, index: usize, rng: &mut impl Rng) -> Case {
             r.dir_c,
             r.t,
             r.temp
-        );
+        )
+    };
+    for r in &rows {
+        csv += &line(r);
     }
-    Case { csv, noise_mm: None, truth }
+    let (mut t, temp) = rows.last().map_or((0.0, 20.0), |r| (r.t, r.temp));
+    let more = move |captures: &[PlannedCapture]| -> String {
+        let lines = captures.iter().map(|capture| {
+            t += 25.0;
+            let get = |name: &str| capture.0.get(name).copied().unwrap_or(1.0);
+            let temp = capture.0.get("temp_c").copied().unwrap_or(temp);
+            let (b, c) = (get("b_deg").to_radians(), get("c_deg").to_radians());
+            let (dir_b, dir_c) = (get("dir_b"), get("dir_c"));
+            line(&Row { b, c, dir_b, dir_c, t, temp, approach: 30.0 })
+        });
+        lines.collect()
+    };
+    Case { csv, noise_mm: None, truth, more: Box::new(more) }
 }
 
 /// The data as the diagnosis reads them.

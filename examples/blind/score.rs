@@ -53,24 +53,27 @@ pub struct Tally {
     flagged: usize,
     right_variable: usize,
     closed: Vec<f64>,
+    confused: usize,
+    resolved: usize,
     verbose: Vec<String>,
 }
 
 /// Runs the diagnosis on a case's data alone.
-fn answer(case: &Case, kind: &str) -> Report {
-    let options = Options { noise_mm: case.noise_mm };
+fn answer(csv: &str, noise_mm: Option<f64>, kind: &str) -> Report {
+    let options = Options { noise_mm };
     let experiment = match kind {
-        "rtcp" => crate::rtcp::read(&case.csv),
-        "rod" => crate::rod::read(&case.csv),
-        _ => crate::plain::read(kind, &case.csv),
+        "rtcp" => crate::rtcp::read(csv),
+        "rod" => crate::rod::read(csv),
+        _ => crate::plain::read(kind, csv),
     };
     diagnose(experiment.as_ref(), &options).expect("the diagnosis runs").report
 }
 
 impl Tally {
     /// Diagnoses a case and scores the answer.
-    pub fn add(&mut self, sort: &Sort, case: &Case, kind: &str) {
-        let report = answer(case, kind);
+    pub fn add(&mut self, sort: &Sort, case: &mut Case, kind: &str) {
+        let report = answer(&case.csv, case.noise_mm, kind);
+        self.close_loop(&report, case, kind);
         self.cases += 1;
         let truth = &case.truth;
         let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
@@ -122,6 +125,33 @@ impl Tally {
         }
     }
 
+    /// Takes the captures that the answer asks for, and looks whether one name is left.
+    fn close_loop(&mut self, report: &Report, case: &mut Case, kind: &str) {
+        let Some(next) = report.next_measurement.as_ref().filter(|n| n.resolves) else {
+            return;
+        };
+        let all = case.csv.clone() + &(case.more)(&next.captures);
+        let again = answer(&all, case.noise_mm, kind);
+        let names: Vec<&str> = again.effects.iter().map(|e| e.name.as_str()).collect();
+        let alone = again.effects.iter().all(|e| e.confusable_with.is_empty());
+        let right = names.len() == case.truth.names.len()
+            && case.truth.names.iter().all(|t| names.contains(t));
+        self.confused += 1;
+        self.resolved += usize::from(alone && right);
+        if !(alone && right) {
+            let found: Vec<String> = again
+                .effects
+                .iter()
+                .map(|e| format!("{}|{}", e.name, e.confusable_with.join("|")))
+                .collect();
+            self.verbose.push(format!(
+                "    loop: {:?} after {} captures -> {found:?}",
+                case.truth,
+                next.captures.len()
+            ));
+        }
+    }
+
     /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers.
     pub fn print(&mut self, sort: &Sort, seconds: f64) {
         let n = self.cases;
@@ -145,6 +175,13 @@ impl Tally {
             parts.push(format!(
                 "held-out excess removed {:.1} %",
                 100.0 * self.closed[self.closed.len() / 2]
+            ));
+        }
+        if sort.known > 0 && self.confused > 0 {
+            parts.push(format!(
+                "{} given captures that should part their class, one name left {}",
+                self.confused,
+                rate(self.resolved, self.confused)
             ));
         }
         println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));

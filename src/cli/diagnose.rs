@@ -28,6 +28,9 @@ pub struct Args {
     /// The camera's calibration file (rod)
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// A TOML file with effects of your own, as formulas of the columns (docs/diagnose.md)
+    #[arg(long, value_name = "FILE")]
+    effects: Option<PathBuf>,
     /// Standard deviation of one value where it is known; otherwise it is taken from repeats and the data
     #[arg(long, value_name = "S")]
     noise_mm: Option<f64>,
@@ -69,6 +72,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         data: args.data.clone(),
         model: args.model.clone(),
         calib: args.calib.clone(),
+        effects: args.effects.clone(),
     };
     let mut warnings = Vec::new();
     let experiment = source.load(&mut warnings)?;

@@ -33,6 +33,9 @@ pub struct Args {
     /// rod: the camera's calibration file
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// A TOML file with effects of your own that the model names (docs/diagnose.md)
+    #[arg(long, value_name = "FILE")]
+    effects: Option<PathBuf>,
     /// Add Gaussian noise of this standard deviation
     #[arg(long, value_name = "S", default_value_t = 0.0)]
     noise_mm: f64,
@@ -88,14 +91,20 @@ fn noise(args: &Args) -> impl FnMut() -> f64 {
     }
 }
 
-/// Kinds whose whole prediction comes from the effects library.
-fn other(args: &Args, global: &Global) -> Result<Outcome> {
-    let source = Source {
+/// Where the prediction with effects comes from.
+fn source(args: &Args) -> Source {
+    Source {
         kind: args.kind,
         data: args.data.clone(),
         model: args.model.clone(),
         calib: args.calib.clone(),
-    };
+        effects: args.effects.clone(),
+    }
+}
+
+/// Kinds whose whole prediction comes from the effects library.
+fn other(args: &Args, global: &Global) -> Result<Outcome> {
+    let source = source(args);
     let mut warnings = Vec::new();
     let experiment = source.load(&mut warnings)?;
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
@@ -137,7 +146,10 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
     let sweep = Sweep::read(&args.data)?;
     let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
-    add_effects(&model, &sweep.table, &mut d, &mut warnings)?;
+    if !model.effects.is_empty() {
+        let experiment = source(args).load(&mut warnings)?;
+        add_effects(experiment.as_ref(), &mut d);
+    }
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     let mut noise = noise(args);
     d.iter_mut().for_each(|d| d.iter_mut().for_each(|v| *v += noise()));

@@ -8,7 +8,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::cli::{Global, Outcome, Status, result, rows};
-use crate::diagnose::data::rtcp::add_effects;
+use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::{Document, create_folder, write_whole};
@@ -166,7 +166,10 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     };
     let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
-    add_effects(machine, &sweep.table, &mut predicted, &mut warnings)?;
+    if !machine.effects.is_empty() {
+        let experiment = RtcpExperiment::from_table(&sweep.table, machine, &mut warnings)?;
+        add_effects(&experiment, &mut predicted);
+    }
     let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let plot = args

@@ -12,13 +12,15 @@ const RULED_OUT: f64 = 4.6;
 pub struct Rival {
     /// Index of the effect.
     pub effect: usize,
+    /// Index of its form.
+    pub form: usize,
     /// Index of the candidate in the library pool.
     pub candidate: usize,
     /// How much less likely than the named one, nats.
     pub deficit: f64,
 }
 
-/// The rivals of each named effect, likeliest first.
+/// The rivals of each named effect, every form of theirs, likeliest first.
 pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
     let f = &selection.fitted;
     (0..f.model.active.len())
@@ -35,16 +37,22 @@ pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 if taken.contains(&a.effect) || deficit > RULED_OUT {
                     continue;
                 }
-                match best.iter_mut().find(|r| r.effect == a.effect) {
+                let rival =
+                    Rival { effect: a.effect, form: a.form, candidate: s.candidate, deficit };
+                match best.iter_mut().find(|r| (r.effect, r.form) == (a.effect, a.form)) {
                     Some(r) if r.deficit <= deficit => {}
-                    Some(r) => *r = Rival { effect: a.effect, candidate: s.candidate, deficit },
-                    None => {
-                        best.push(Rival { effect: a.effect, candidate: s.candidate, deficit });
-                    }
+                    Some(r) => *r = rival,
+                    None => best.push(rival),
                 }
             }
             best.sort_by(|a, b| a.deficit.total_cmp(&b.deficit));
             best
         })
         .collect()
+}
+
+/// The best form of each rival effect.
+pub fn by_name(rivals: &[Rival]) -> impl Iterator<Item = &Rival> {
+    let first = |(i, r): &(usize, &Rival)| !rivals[..*i].iter().any(|o| o.effect == r.effect);
+    rivals.iter().enumerate().filter(first).map(|(_, r)| r)
 }

@@ -130,16 +130,26 @@ pub trait Experiment {
     fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64>;
     /// The prediction in the data file's own columns, one value a row.
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)>;
-    /// The experiment with other captures planned in (`None` where plans cannot be extended).
-    fn with_plan(&self, _extra: &[PlannedCapture]) -> Option<Box<dyn Experiment>> {
-        None
-    }
+    /// The experiment with further captures after its own, their measured values unset.
+    fn with_plan(&self, extra: &[PlannedCapture]) -> Box<dyn Experiment>;
     /// Captures the machine could take next, for `next_measurement`.
-    fn proposals(&self) -> Vec<PlannedCapture> {
-        Vec::new()
-    }
+    fn proposals(&self) -> Vec<PlannedCapture>;
 }
 
 /// A capture that could be taken: column names with values.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, schemars::JsonSchema)]
 pub struct PlannedCapture(pub std::collections::BTreeMap<&'static str, f64>);
+
+impl PlannedCapture {
+    /// The planned value of a column, or else the last one measured.
+    pub fn or_last(&self, name: &str, column: &[f64]) -> f64 {
+        self.0.get(name).or(column.last()).copied().unwrap_or(0.0)
+    }
+
+    /// Appends the value of a column, where the data have that column at all.
+    pub fn extend(&self, name: &str, column: &mut Vec<f64>) {
+        if !column.is_empty() {
+            column.push(self.or_last(name, column));
+        }
+    }
+}

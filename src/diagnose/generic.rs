@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::experiment::Layout;
+use crate::diagnose::experiment::{Layout, Variable};
 
 /// A shape in one variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -18,6 +18,8 @@ pub enum Shape {
     Levels(usize),
     /// A Gaussian bump at a value, with a standard deviation.
     Bump(f64, f64),
+    /// Any smooth function of the variable and this other one together: products of low orders in each.
+    Surface(usize),
 }
 
 /// A shape in one variable, seen along one direction.
@@ -36,8 +38,12 @@ const HARMONICS: u32 = 8;
 /// Highest polynomial degree tried.
 const DEGREES: u32 = 4;
 
-/// Most levels of a free function.
-const MOST_LEVELS: usize = 24;
+/// Levels of a free function: fewer find smooth functions with less noise, more follow fast ones.
+const LEVELS: [usize; 2] = [24, 48];
+/// Least distinct values to a level of the finer functions.
+const VALUES_TO_A_LEVEL: usize = 3;
+/// Highest harmonic of a surface round a turn.
+const SURFACE_HARMONICS: u32 = 3;
 
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
@@ -69,6 +75,16 @@ impl Term {
                     })
                     .collect()
             }
+            Shape::Surface(other) => {
+                let a = smooth(&layout.variables[self.variable]);
+                let b = smooth(&layout.variables[other]);
+                let product = |p: usize, q: usize| -> Vec<f64> {
+                    (0..x.len()).map(|i| along[i] * a[p][i] * b[q][i]).collect()
+                };
+                let all = (0..a.len()).flat_map(|p| (0..b.len()).map(move |q| (p, q)));
+                // The first of each is the constant.
+                all.skip(1).map(|(p, q)| product(p, q)).collect()
+            }
             Shape::Bump(at, width) => {
                 let turn = layout.variables[self.variable].angle;
                 vec![column(&|x| {
@@ -87,12 +103,31 @@ impl Term {
         DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
     }
 
-    /// Coefficients that make its size; a constant that goes with the shape comes after them.
-    pub fn own_columns(&self) -> usize {
+    /// Columns that make its size, of `all`; a constant that goes with the shape comes after them.
+    pub fn own_columns(&self, all: usize) -> usize {
+        if matches!(self.shape, Shape::Harmonic(_)) { all } else { all - 1 }
+    }
+
+    /// Size of a wave, height of a step or bump, largest value of a polynomial, half the range of a free function, mm.
+    pub fn amplitude(&self, columns: &DMatrix<f64>, values: &[f64]) -> f64 {
         match self.shape {
-            Shape::Harmonic(_) => 2,
-            Shape::Levels(count) => count - 1,
-            _ => 1,
+            Shape::Levels(_) | Shape::Surface(_) => {
+                let sums = columns
+                    .row_iter()
+                    .map(|r| r.iter().zip(values).map(|(x, v)| x * v).sum::<f64>());
+                let (low, high) = range(&sums.collect::<Vec<f64>>());
+                0.5 * (high - low)
+            }
+            _ => values[..self.own_columns(values.len())].iter().map(|v| v * v).sum::<f64>().sqrt(),
+        }
+    }
+
+    /// The variable it follows, or both.
+    pub fn versus(&self, layout: &Layout) -> String {
+        let name = |v: usize| layout.variables[v].name;
+        match self.shape {
+            Shape::Surface(other) => format!("{}, {}", name(self.variable), name(other)),
+            _ => name(self.variable).into(),
         }
     }
 
@@ -104,6 +139,7 @@ impl Term {
             Shape::Power(k) => format!("polynomial {k}"),
             Shape::Step(at) => format!("step at {at:.4}"),
             Shape::Levels(count) => format!("irregular, {count} levels"),
+            Shape::Surface(_) => "surface".into(),
             Shape::Bump(at, width) => format!("bump at {at:.4} of width {width:.3}"),
         }
     }
@@ -126,6 +162,10 @@ impl Term {
                     "{output} depends on {variable} in no simple shape ({count} levels), {size}"
                 )
             }
+            Shape::Surface(other) => {
+                let other = layout.variables[other].name;
+                format!("{output} depends on {variable} and {other} together, {size}")
+            }
             Shape::Bump(at, width) => {
                 format!("{output} has a bump at {variable} = {at:.4} (width {width:.3}), {size}")
             }
@@ -139,24 +179,66 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
     for (direction, d) in layout.directions.iter().enumerate() {
         for (variable, v) in layout.variables.iter().enumerate() {
             // A place in the frame moves the edge only along the edge's normal.
-            if v.within && d.name != "radius" && layout.random.len() > 1 {
+            if v.within && d.name != "radius" && !layout.random.is_empty() {
                 continue;
             }
             for shape in shapes(&v.values, v.angle) {
                 terms.push(Term { direction, variable, shape });
+            }
+            // Pairs of what is set for a whole capture.
+            let later = layout.variables.iter().enumerate().skip(variable + 1);
+            for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
+                let slow = |name: &str| ["t_s", "temp_c"].contains(&name);
+                if !(slow(v.name) && slow(w.name)) && varies(&v.values) && varies(&w.values) {
+                    terms.push(Term { direction, variable, shape: Shape::Surface(other) });
+                }
             }
         }
     }
     terms
 }
 
-/// Shapes that the distinct values of a variable can carry.
-pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
+/// Whether a variable takes more than one value.
+fn varies(values: &[f64]) -> bool {
+    let (low, high) = range(values);
+    high > low
+}
+
+/// The distinct values of a variable, rising.
+fn distinct(values: &[f64]) -> Vec<f64> {
     let mut distinct = values.to_vec();
     distinct.sort_by(f64::total_cmp);
-    let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
-    let tolerance = 1e-6 * (high - low);
+    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
     distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    distinct
+}
+
+/// The constant and the lowest orders that the values of a variable can carry: harmonics round a whole turn,
+/// polynomials otherwise.
+fn smooth(variable: &Variable) -> Vec<Vec<f64>> {
+    let x = &variable.values;
+    let (low, high) = range(x);
+    let orders = distinct(x).len() as u32 - 1;
+    let mut functions = vec![vec![1.0; x.len()]];
+    if variable.angle && high - low > 270.0 {
+        for k in 1..=SURFACE_HARMONICS.min(orders / 2) {
+            let angle = |x: &f64| (f64::from(k) * x.to_radians()).sin_cos();
+            functions.push(x.iter().map(|x| angle(x).1).collect());
+            functions.push(x.iter().map(|x| angle(x).0).collect());
+        }
+    } else {
+        let half = ((high - low) / 2.0).max(1e-12);
+        for k in 1..=DEGREES.min(orders) {
+            functions.push(x.iter().map(|x| legendre(k, (x - low) / half - 1.0)).collect());
+        }
+    }
+    functions
+}
+
+/// Shapes that the distinct values of a variable can carry.
+pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
+    let distinct = distinct(values);
+    let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
     let count = distinct.len();
     let mut shapes = Vec::new();
     if count < 2 {
@@ -179,7 +261,10 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         }
     }
     if count >= 8 && values.len() >= 60 {
-        shapes.push(Shape::Levels(count.min(MOST_LEVELS)));
+        shapes.push(Shape::Levels(count.min(LEVELS[0])));
+        if count >= VALUES_TO_A_LEVEL * LEVELS[1] {
+            shapes.push(Shape::Levels(LEVELS[1]));
+        }
     }
     if count >= 8 {
         let spots = 16.min(count);
@@ -195,10 +280,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
 
 /// Upper edges of ranges that hold about as many distinct values each.
 fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
-    let mut distinct = values.to_vec();
-    distinct.sort_by(f64::total_cmp);
-    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
-    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    let distinct = distinct(values);
     (1..count)
         .map(|k| {
             let i = (k * distinct.len() / count).clamp(1, distinct.len() - 1);
@@ -226,10 +308,15 @@ pub fn legendre(degree: u32, x: f64) -> f64 {
 }
 
 impl Shape {
+    /// Whether it is a function of no set form.
+    pub fn is_free(self) -> bool {
+        matches!(self, Self::Levels(_) | Self::Surface(_))
+    }
+
     /// Numbers chosen from a grid besides the coefficients.
     pub fn places(self) -> usize {
         match self {
-            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) => 0,
+            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) | Self::Surface(_) => 0,
             Self::Step(_) => 1,
             Self::Bump(..) => 2,
         }

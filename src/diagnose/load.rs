@@ -2,11 +2,14 @@
 
 use std::path::PathBuf;
 
+use clap::ValueEnum;
+
 use crate::camera::Calibration;
 use crate::diagnose::data::columns::ColumnsExperiment;
 use crate::diagnose::data::rod::RodExperiment;
 use crate::diagnose::data::rtcp::RtcpExperiment;
 use crate::diagnose::experiment::Experiment;
+use crate::diagnose::own::{self, OwnEffects};
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
 
@@ -36,6 +39,8 @@ pub struct Source {
     pub model: Option<PathBuf>,
     /// The calibration file; needed for `rod`.
     pub calib: Option<PathBuf>,
+    /// Effects of the user's own.
+    pub effects: Option<PathBuf>,
 }
 
 impl Source {
@@ -55,8 +60,22 @@ impl Source {
     /// Reads everything.
     pub fn load(&self, warnings: &mut Vec<String>) -> Result<Box<dyn Experiment>> {
         let machine = self.machine()?;
+        let Some(path) = &self.effects else { return self.library(&machine, warnings) };
+        let kind = self.kind.to_possible_value();
+        let entries = own::read(path, kind.as_ref().map_or("", |k| k.get_name()))?;
+        let (rest, taken) = own::split(&machine, &entries);
+        let inner = self.library(&rest, warnings)?;
+        Ok(Box::new(OwnEffects::new(inner, path, entries, &taken)?))
+    }
+
+    /// The experiment with the library alone.
+    fn library(
+        &self,
+        machine: &Machine,
+        warnings: &mut Vec<String>,
+    ) -> Result<Box<dyn Experiment>> {
         Ok(match self.kind {
-            Kind::Rtcp => Box::new(RtcpExperiment::read(&self.data, &machine, warnings)?),
+            Kind::Rtcp => Box::new(RtcpExperiment::read(&self.data, machine, warnings)?),
             Kind::Rod => {
                 let calib = self.calib.as_ref().ok_or_else(|| {
                     Error::option(
@@ -66,11 +85,11 @@ impl Source {
                     )
                 })?;
                 let calibration = Calibration::read(calib)?;
-                Box::new(RodExperiment::read(&self.data, &calibration, Some(&machine), warnings)?)
+                Box::new(RodExperiment::read(&self.data, &calibration, Some(machine), warnings)?)
             }
-            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar(&self.data, &machine, warnings)?),
-            Kind::Thermal => Box::new(ColumnsExperiment::thermal(&self.data, &machine, warnings)?),
-            Kind::Burn => Box::new(ColumnsExperiment::burn(&self.data, &machine, warnings)?),
+            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar(&self.data, machine, warnings)?),
+            Kind::Thermal => Box::new(ColumnsExperiment::thermal(&self.data, machine, warnings)?),
+            Kind::Burn => Box::new(ColumnsExperiment::burn(&self.data, machine, warnings)?),
         })
     }
 }

@@ -11,6 +11,7 @@ pub mod load;
 pub mod model;
 pub mod next;
 pub mod noise;
+pub mod own;
 pub mod page;
 pub mod plan;
 pub mod report;

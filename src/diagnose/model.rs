@@ -14,10 +14,15 @@ pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
             e.name == named.name && e.parameters.keys().eq(named.parameters.keys())
         };
         match machine.effects.iter_mut().find(same) {
-            Some(old) => add(&mut old.parameters, named),
-            None => machine
-                .effects
-                .push(Effect { name: named.name.clone(), parameters: named.parameters.clone() }),
+            Some(old) => {
+                add(&mut old.parameters, named);
+                old.parameters_u95 = named.parameters_u95.clone();
+            }
+            None => machine.effects.push(Effect {
+                name: named.name.clone(),
+                parameters: named.parameters.clone(),
+                parameters_u95: named.parameters_u95.clone(),
+            }),
         }
     }
     machine

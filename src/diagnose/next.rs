@@ -1,18 +1,25 @@
 //! What to measure next: captures on which the confusable effects would differ most.
 
-use crate::diagnose::classes::rivals;
+use nalgebra::{DMatrix, DVector};
+
+use crate::diagnose::classes::{Rival, rivals};
 use crate::diagnose::experiment::PlannedCapture;
 use crate::diagnose::fit::Fitter;
+use crate::diagnose::noise::Space;
 use crate::diagnose::report::NextMeasurement;
 use crate::diagnose::score::{Part, Who};
 use crate::diagnose::select::{Selection, remove};
 
-/// Captures proposed.
-const CAPTURES: usize = 8;
-/// A capture that parts two rivals by less than this many standard deviations is not worth proposing.
-const LEAST_PARTED: f64 = 0.5;
+/// Most captures of one and the same place.
+const MOST_REPEATS: usize = 4;
+/// Captures proposed at most: as many as there are, or this many.
+const LEAST_BUDGET: usize = 24;
+/// χ² by which a rival must be expected to fit worse: its threshold (9.2) and 2.4 standard deviations more.
+const PARTED: f64 = 40.0;
+/// Captures that part no pair by as much as this more than the data do are not worth taking.
+const LEAST_PARTED: f64 = 4.0;
 
-/// Captures that part each named effect from its rivals (greedy max-min of the predicted difference), or, where no
+/// Captures that part each named effect from its rivals (greedy max-min of the predicted χ²), or, where no
 /// capture of this kind can, the measurement that would. `None` where nothing is confusable.
 pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMeasurement> {
     let f = &selection.fitted;
@@ -20,72 +27,149 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let classes = rivals(fitter, selection);
     let mut separates: Vec<String> = Vec::new();
     let mut words: Vec<String> = Vec::new();
-    let mut differences: Vec<Vec<f64>> = Vec::new();
-    let proposals = fitter.experiment.proposals();
-    let plan = fitter.experiment.with_plan(&proposals);
-    let per_capture = |values: &[f64]| -> Vec<f64> {
-        let k = values.len() / proposals.len().max(1);
-        values.chunks(k.max(1)).map(|c| c.iter().map(|v| v * v).sum::<f64>()).collect()
-    };
-    for (i, class) in classes.iter().enumerate() {
-        for rival in class {
-            let name = effects[f.model.active[i].effect].name.to_string();
-            let other = effects[rival.effect].name.to_string();
-            for (name, best) in [
-                (name, &effects[f.model.active[i].effect].best),
-                (other, &effects[rival.effect].best),
-            ] {
-                if !separates.contains(&name) {
-                    words.push(format!("{name}: {best}"));
-                    separates.push(name);
-                }
-            }
-            let (Some(plan), Who::Effect(active)) =
-                (&plan, &selection.library.candidates[rival.candidate].who)
-            else {
-                continue;
-            };
-            let mut swapped = remove(&f.model, Part::Effect(i));
-            swapped.active.push(active.clone());
-            let swapped = fitter.fit(swapped, Some(&f.noise));
-            let a = plan.predict(&f.model.nuisances, &f.model.active);
-            let b = plan.predict(&swapped.model.nuisances, &swapped.model.active);
-            let sigma = f.noise.sigma_mm[0];
-            let d: Vec<f64> = a.iter().zip(&b).map(|(a, b)| (a - b) / sigma).collect();
-            differences.push(per_capture(&d));
+    let mut add = |effect: usize| {
+        let info = &effects[effect];
+        if !separates.iter().any(|s| *s == info.name) {
+            words.push(format!("{}: {}", info.name, info.best));
+            separates.push(info.name.to_string());
         }
+    };
+    for (active, class) in f.model.active.iter().zip(&classes).filter(|(_, c)| !c.is_empty()) {
+        add(active.effect);
+        class.iter().for_each(|rival| add(rival.effect));
     }
     if separates.is_empty() {
         return None;
     }
-    let mut captures: Vec<PlannedCapture> = Vec::new();
-    let mut parted: Vec<f64> = vec![0.0; differences.len()];
-    let mut left: Vec<usize> = (0..proposals.len()).collect();
-    while captures.len() < CAPTURES && !left.is_empty() && !differences.is_empty() {
-        let worst = (0..parted.len()).min_by(|a, b| parted[*a].total_cmp(&parted[*b]))?;
-        let at = (0..left.len())
-            .max_by(|a, b| differences[worst][left[*a]].total_cmp(&differences[worst][left[*b]]))?;
-        let pick = left.remove(at);
-        for (sum, d) in parted.iter_mut().zip(&differences) {
-            *sum += d[pick];
-        }
-        captures.push(proposals[pick].clone());
-    }
-    let useful = parted.iter().any(|p| *p > LEAST_PARTED);
-    if !differences.is_empty() && !useful {
-        captures.clear();
-    }
-    if differences.is_empty() {
-        captures = proposals.into_iter().take(CAPTURES).collect();
-    }
-    let text = if captures.is_empty() {
-        format!("no capture of this kind tells them apart; {}", words.join("; "))
+    let proposals = fitter.experiment.proposals();
+    let pairs = pairs(fitter, selection, &classes, &proposals);
+    let budget = fitter.experiment.layout().group_count().max(LEAST_BUDGET);
+    let (picked, parted) = choose(&pairs, proposals.len(), budget);
+    let useful = pairs.iter().zip(&parted).any(|(p, s)| *s > p.own.separation() + LEAST_PARTED);
+    let captures: Vec<PlannedCapture> = if useful {
+        picked.into_iter().map(|p| proposals[p].clone()).collect()
     } else {
-        format!(
-            "take the {} captures listed, in random order; {}",
-            captures.len(),
-            words.join("; ")
-        )
+        Vec::new()
     };
-    Some(NextMeasurement { separates, captures, text })
+    let best = words.join("; ");
+    let resolves = !captures.is_empty() && parted.iter().all(|p| *p >= PARTED);
+    let count = captures.len();
+    let text = match (count, resolves) {
+        (0, _) => format!("no capture of this kind tells them apart; {best}"),
+        (_, true) => format!("add the {count} captures listed, in random order; {best}"),
+        _ => format!("the {count} captures listed help, but may not be enough to part all; {best}"),
+    };
+    Some(NextMeasurement { separates, captures, resolves, text })
+}
+
+/// What some rows say of a named effect against a rival, in units of the noise: the squares of the difference of their
+/// predictions, and what the rival's own parameters can take up of it.
+#[derive(Clone)]
+struct Evidence {
+    squares: f64,
+    along: DVector<f64>,
+    information: DMatrix<f64>,
+}
+
+/// A named effect and a rival: what the data say, and what each proposed capture would.
+struct Pair {
+    own: Evidence,
+    proposals: Vec<Evidence>,
+}
+
+impl Evidence {
+    fn plus(&self, other: &Self) -> Self {
+        Self {
+            squares: self.squares + other.squares,
+            along: &self.along + &other.along,
+            information: &self.information + &other.information,
+        }
+    }
+
+    /// χ² by which the rival would fit worse after it has been refitted.
+    fn separation(&self) -> f64 {
+        let taken = self.information.clone().cholesky().map(|c| c.solve(&self.along));
+        (self.squares - taken.map_or(0.0, |t| t.dot(&self.along))).max(0.0)
+    }
+}
+
+fn pairs(
+    fitter: &Fitter,
+    selection: &Selection,
+    classes: &[Vec<Rival>],
+    proposals: &[PlannedCapture],
+) -> Vec<Pair> {
+    let f = &selection.fitted;
+    let experiment = fitter.experiment.with_plan(proposals);
+    let layout = experiment.layout();
+    let space = Space::new(layout, &vec![true; layout.values.len()]);
+    let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
+    let before = layout.group_count() - proposals.len();
+    let named = experiment.predict(&f.model.nuisances, &f.model.active);
+    let mut list = Vec::new();
+    for (i, class) in classes.iter().enumerate() {
+        for rival in class {
+            let Who::Effect(active) = &selection.library.candidates[rival.candidate].who else {
+                continue;
+            };
+            let mut swapped = remove(&f.model, Part::Effect(i));
+            swapped.active.push(active.clone());
+            let mut swapped = fitter.fit(swapped, Some(&f.noise)).model;
+            // Shapes without a name are columns of the data at hand; they are the same on both sides.
+            swapped.extras.clear();
+            let other = plan.predict(&swapped);
+            let d = DMatrix::from_fn(named.len(), 1, |r, _| named[r] - other[r]);
+            let d = plan.whiten(&d, &f.noise);
+            let mut tangent = plan.whiten(&plan.tangent(&swapped, &other), &f.noise);
+            for mut column in tangent.column_iter_mut() {
+                let norm = column.norm();
+                column /= if norm > 0.0 { norm } else { 1.0 };
+            }
+            let evidence = |rows: Vec<usize>| {
+                let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
+                Evidence {
+                    squares: d.norm_squared(),
+                    along: j.tr_mul(&d).column(0).into_owned(),
+                    information: j.tr_mul(&j),
+                }
+            };
+            let mut own = evidence(plan.space.rows_of(&|g| g < before));
+            // Parameters that the data do not determine must not make the system singular.
+            (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
+            let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
+            list.push(Pair { own, proposals: (0..proposals.len()).map(of).collect() });
+        }
+    }
+    list
+}
+
+/// Picks proposals until every pair is parted, always the one that parts the worst pair most; and how far each is parted.
+fn choose(pairs: &[Pair], count: usize, budget: usize) -> (Vec<usize>, Vec<f64>) {
+    let mut picked = Vec::new();
+    let mut state: Vec<Evidence> = pairs.iter().map(|p| p.own.clone()).collect();
+    let mut parted: Vec<f64> = state.iter().map(Evidence::separation).collect();
+    let mut hopeless = vec![false; pairs.len()];
+    let mut taken = vec![0; count];
+    while picked.len() < budget {
+        let open = (0..pairs.len()).filter(|p| parted[*p] < PARTED && !hopeless[*p]);
+        let Some(worst) = open.min_by(|a, b| parted[*a].total_cmp(&parted[*b])) else { break };
+        let gain = |k: usize| state[worst].plus(&pairs[worst].proposals[k]).separation();
+        let best = (0..count)
+            .filter(|k| taken[*k] < MOST_REPEATS)
+            .map(|k| (k, gain(k)))
+            .max_by(|a, b| a.1.total_cmp(&b.1));
+        match best {
+            // A pair that nothing parts must not keep the others from being parted.
+            Some((k, separation)) if separation > parted[worst] + 0.1 * PARTED / budget as f64 => {
+                taken[k] += 1;
+                picked.push(k);
+                for (s, p) in state.iter_mut().zip(pairs) {
+                    *s = s.plus(&p.proposals[k]);
+                }
+                parted = state.iter().map(Evidence::separation).collect();
+            }
+            _ => hopeless[worst] = true,
+        }
+    }
+    (picked, parted)
 }

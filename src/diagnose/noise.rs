@@ -5,7 +5,7 @@
 //! a change of D touches only a few rows per capture. The updates are the fixed-point form of the REML
 //! equations (Harville, "Maximum likelihood approaches to variance component estimation", 1977).
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::tails::ln_f_tail;
@@ -73,6 +73,14 @@ impl Space {
         self.components.len()
     }
 
+    fn component_count(&self) -> usize {
+        self.components.iter().max().map_or(0, |c| c + 1)
+    }
+
+    fn class_count(&self) -> usize {
+        self.classes.iter().max().map_or(1, |c| c + 1)
+    }
+
     /// Rows in front of the complement: one per capture and random column.
     pub fn top(&self) -> usize {
         self.groups.len() * self.random_count()
@@ -134,7 +142,7 @@ impl Space {
 
     /// Scales split columns so that the noise has unit variance.
     pub fn whiten(&self, split: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
-        let (top, n) = (self.top(), self.classes.len());
+        let (top, n) = (self.top(), split.nrows() - self.top());
         let mut out = split.clone();
         let shared = self.whiten_top(&split.rows(0, top).into_owned(), noise);
         out.rows_mut(0, top).copy_from(&shared);
@@ -185,14 +193,14 @@ impl Space {
         y: &DMatrix<f64>,
         given_mm: Option<f64>,
     ) -> Noise {
-        let class_count = self.classes.iter().copied().max().unwrap_or(0) + 1;
-        let component_count = self.components.iter().copied().max().map_or(0, |c| c + 1);
         let n = self.observations();
+        let short = self.shorten(design, y);
+        let (design, y) = short.as_ref().map_or((design, y), |(d, y)| (d, y));
         let start = given_mm.unwrap_or_else(|| (y.norm_squared() / n.max(1) as f64).sqrt());
         let start = if start > 0.0 { start } else { 1e-12 };
         let mut noise = Noise {
-            sigma_mm: vec![start; class_count],
-            ratios: vec![0.1; component_count],
+            sigma_mm: vec![start; self.class_count()],
+            ratios: vec![0.1; self.component_count()],
             dof: f64::INFINITY,
         };
         for _ in 0..60 {
@@ -202,6 +210,29 @@ impl Space {
             }
         }
         noise
+    }
+
+    /// Where all observations share one noise, their complement matters only through its triangular factor: a few rows in
+    /// place of thousands.
+    fn shorten(
+        &self,
+        design: &DMatrix<f64>,
+        y: &DMatrix<f64>,
+    ) -> Option<(DMatrix<f64>, DMatrix<f64>)> {
+        let (top, p) = (self.top(), design.ncols());
+        let rest = design.nrows() - top;
+        if self.class_count() > 1 || top == 0 || rest <= p + 1 {
+            return None;
+        }
+        let mut both = DMatrix::zeros(rest, p + 1);
+        both.columns_mut(0, p).copy_from(&design.rows(top, rest));
+        both.column_mut(p).copy_from(&y.view((top, 0), (rest, 1)));
+        let r = both.qr().r();
+        let mut short = DMatrix::zeros(top + p + 1, p + 1);
+        short.view_mut((0, 0), (top, p)).copy_from(&design.rows(0, top));
+        short.view_mut((0, p), (top, 1)).copy_from(&y.view((0, 0), (top, 1)));
+        short.view_mut((top, 0), (p + 1, p + 1)).copy_from(&r);
+        Some((short.columns(0, p).into_owned(), short.columns(p, 1).into_owned()))
     }
 
     /// One fixed-point step; returns the largest relative change.
@@ -253,16 +284,14 @@ impl Space {
         let classes = noise.sigma_mm.len();
         let mut squares = vec![0.0; classes];
         let mut dof = vec![0.0; classes];
-        for (i, &class) in self.classes.iter().enumerate().filter(|(i, _)| self.keep[*i]) {
-            squares[class] += e[(top + i, 0)].powi(2);
-            dof[class] += 1.0;
-            if classes > 1 {
-                dof[class] -= basis.row(top + i).norm_squared();
-            }
-        }
         if classes == 1 {
-            squares[0] += e.rows(0, top).norm_squared();
-            dof[0] -= basis.ncols() as f64;
+            squares[0] = e.norm_squared();
+            dof[0] = self.observations() as f64 - basis.ncols() as f64;
+        } else {
+            for (i, &class) in self.classes.iter().enumerate().filter(|(i, _)| self.keep[*i]) {
+                squares[class] += e[(top + i, 0)].powi(2);
+                dof[class] += 1.0 - basis.row(top + i).norm_squared();
+            }
         }
         let old = noise.sigma_mm.clone();
         let variance: Vec<f64> =
@@ -288,23 +317,25 @@ impl Space {
         change
     }
 
-    /// How much of a whitened column lies in each random component, and in the complement (last).
-    pub fn shares(&self, top: nalgebra::DVectorView<f64>, rest_squared: f64) -> Vec<f64> {
-        let d = self.random_count();
-        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
-        let mut shares = vec![0.0; components + 1];
+    /// How much of a whitened column lies in each random component, then in the complement of each class.
+    pub fn shares(&self, top: DVectorView<f64>, rest: Option<DVectorView<f64>>) -> Vec<f64> {
+        let (d, components) = (self.random_count(), self.component_count());
+        let mut shares = vec![0.0; components + self.class_count()];
         for (i, v) in top.iter().enumerate() {
             shares[self.components[i % d]] += v * v;
         }
-        shares[components] = rest_squared;
+        for (v, class) in rest.iter().flat_map(|r| r.iter()).zip(&self.classes) {
+            shares[components + class] += v * v;
+        }
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
         shares.iter().map(|s| s / total).collect()
     }
 
-    /// Dimension of each random component over all captures, and of the complement (last).
-    pub fn dimensions(&self) -> Vec<f64> {
-        let components = self.components.iter().copied().max().map_or(0, |c| c + 1);
-        let mut dimensions = vec![0.0; components + 1];
+    /// Dimension of each random component over all captures, then of the complement of each class; classes of one and the
+    /// same noise count together.
+    pub fn dimensions(&self, noise: &Noise) -> Vec<f64> {
+        let components = self.component_count();
+        let mut dimensions = vec![0.0; components];
         let mut used = 0.0;
         for group in self.groups.iter().filter(|g| !g.rows.is_empty()) {
             for &component in self.components.iter().take(group.q.ncols()) {
@@ -312,7 +343,15 @@ impl Space {
                 used += 1.0;
             }
         }
-        dimensions[components] = self.observations() as f64 - used;
+        let all = self.observations() as f64;
+        let of_class = |class: usize| {
+            let same = noise.sigma_mm.iter().map(|s| *s == noise.sigma_mm[class]);
+            let same: Vec<bool> = same.collect();
+            let kept = self.classes.iter().zip(&self.keep);
+            let count = kept.filter(|(c, keep)| **keep && same[**c]).count() as f64;
+            count * (1.0 - used / all.max(1.0))
+        };
+        dimensions.extend((0..self.class_count()).map(of_class));
         dimensions
     }
 

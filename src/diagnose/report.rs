@@ -98,6 +98,8 @@ pub struct NextMeasurement {
     pub separates: Vec<String>,
     /// The captures.
     pub captures: Vec<PlannedCapture>,
+    /// Whether they are expected to leave one name, with odds of about 100 to 1.
+    pub resolves: bool,
     /// The same in words.
     pub text: String,
 }

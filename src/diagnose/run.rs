@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::classes::rivals;
+use crate::diagnose::classes::{by_name, rivals};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
@@ -27,6 +27,8 @@ pub struct Options {
 
 /// p-value under which a lack of fit is said to exist.
 const LACK_OF_FIT_P: f64 = 1e-3;
+/// p-value under which two outputs are said to repeat unlike well.
+const UNLIKE_NOISE_P: f64 = 1e-4;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
 /// Largest part of the observations that may be set aside as outliers.
@@ -124,7 +126,6 @@ fn find_outliers(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
 
 /// p-value of a remaining lack of fit: against given noise, or against repeats.
 fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
-    let layout = fitter.experiment.layout();
     let n = f.residual.len();
     let column = DMatrix::from_column_slice(n, 1, &f.residual);
     let white = fitter.whiten(&column, &f.noise);
@@ -138,41 +139,81 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
             ln_p = Some(ln_chi2_tail(white.rows(top, n).norm_squared(), dof));
         }
     }
-    // Spread of captures of the same site against the spread of sites.
-    let parts = fitter.space.capture_parts(&white);
-    let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
-    let per_kind = if layout.random.is_empty() { 1 } else { kinds };
-    for kind in 0..per_kind {
-        let mut by_site: BTreeMap<usize, Vec<Vec<f64>>> = BTreeMap::new();
-        for (g, part) in parts.iter().enumerate() {
-            let v: Vec<f64> =
-                part.iter().filter(|(k, _)| per_kind == 1 || *k == kind).map(|(_, x)| *x).collect();
-            by_site.entry(layout.sites[g]).or_default().push(v);
-        }
-        let (mut within, mut within_dof, mut all, mut count) = (0.0, 0.0, 0.0, 0.0);
-        for set in by_site.values() {
-            let width = set[0].len();
-            let same: Vec<&Vec<f64>> = set.iter().filter(|v| v.len() == width).collect();
-            for k in 0..width {
-                let mean = same.iter().map(|v| v[k]).sum::<f64>() / same.len() as f64;
-                within += same.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>();
-                within_dof += same.len() as f64 - 1.0;
-                all += same.iter().map(|v| v[k] * v[k]).sum::<f64>();
-                count += same.len() as f64;
-            }
-        }
-        let used = f.rank as f64 * count / fitter.space.observations().max(1) as f64;
-        let used = if layout.random.is_empty() { used } else { 0.0 };
-        let between_dof = count - used - within_dof;
-        if within_dof < 6.0 || between_dof < 3.0 || within <= 0.0 {
-            continue;
-        }
+    for p in repeats_ln_p(fitter, f, &white) {
         tests += 1.0;
-        let ratio = ((all - within) / between_dof) / (within / within_dof);
-        let p = ln_f_tail(ratio, between_dof, within_dof);
         ln_p = Some(ln_p.map_or(p, |q| q.min(p)));
     }
     ln_p.map(|p| (p + f64::ln(f64::max(tests, 1.0))).min(0.0).exp())
+}
+
+/// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
+#[derive(Default)]
+struct Spread {
+    between: f64,
+    between_dof: f64,
+    within: f64,
+    within_dof: f64,
+}
+
+/// ln p-values of the spread of sites against the spread of captures of the same site: of each kind of value, and of all
+/// together where they share one noise.
+fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Vec<f64> {
+    let layout = fitter.experiment.layout();
+    let mut parts = fitter.space.capture_parts(white);
+    if layout.random.is_empty() {
+        // In mm: an effect in one output must not pass for that output's noise.
+        parts.iter_mut().flatten().for_each(|(kind, v)| *v *= f.noise.sigma_mm[*kind]);
+    }
+    let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
+    let mut spreads: Vec<Spread> = (0..kinds).map(|_| Spread::default()).collect();
+    let mut by_site: BTreeMap<usize, Vec<&[(usize, f64)]>> = BTreeMap::new();
+    for (part, site) in parts.iter().zip(&layout.sites) {
+        by_site.entry(*site).or_default().push(part);
+    }
+    for set in by_site.values() {
+        let width = set.iter().map(|v| v.len()).max().unwrap_or(0);
+        let same: Vec<_> = set.iter().filter(|v| v.len() == width).collect();
+        let count = same.len() as f64;
+        for k in 0..width {
+            let spread = &mut spreads[same[0][k].0];
+            let mean = same.iter().map(|v| v[k].1).sum::<f64>() / count;
+            spread.within += same.iter().map(|v| (v[k].1 - mean).powi(2)).sum::<f64>();
+            spread.within_dof += count - 1.0;
+            spread.between += count * mean * mean;
+            spread.between_dof += 1.0;
+        }
+    }
+    let unlike = |a: &Spread, b: &Spread| {
+        let ratio = (a.within / a.within_dof) / (b.within / b.within_dof);
+        ln_f_tail(ratio, a.within_dof, b.within_dof) < UNLIKE_NOISE_P.ln()
+    };
+    let shared_noise =
+        layout.random.is_empty() && !spreads.iter().any(|a| spreads.iter().any(|b| unlike(a, b)));
+    let total = spreads.iter().fold(Spread::default(), |a, b| Spread {
+        between: a.between + b.between,
+        between_dof: a.between_dof + b.between_dof,
+        within: a.within + b.within,
+        within_dof: a.within_dof + b.within_dof,
+    });
+    let values = total.between_dof + total.within_dof;
+    let tested = |between: &Spread, within: &Spread| {
+        // The model's parameters were taken from what sites have in common.
+        let used = if layout.random.is_empty() {
+            f.rank as f64 * (between.between_dof + between.within_dof) / values
+        } else {
+            0.0
+        };
+        let dof = between.between_dof - used;
+        let enough = within.within_dof >= 6.0 && dof >= 3.0 && within.within > 0.0;
+        let ratio = (between.between / dof) / (within.within / within.within_dof);
+        enough.then(|| ln_f_tail(ratio, dof, within.within_dof))
+    };
+    let each = spreads.iter().filter_map(|s| tested(s, if shared_noise { &total } else { s }));
+    let mut list: Vec<f64> = each.collect();
+    if shared_noise && kinds > 1 {
+        list.extend(tested(&total, &total));
+    }
+    list
 }
 
 fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
@@ -283,7 +324,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
             let c = contribution(fitter, &f.model, Part::Effect(i));
             let along: f64 = c.iter().zip(gap).map(|(a, b)| a * b).sum();
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
-            let total: f64 = 1.0 + classes[i].iter().map(|r| (-r.deficit).exp()).sum::<f64>();
+            let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
             let form_corrected_over = f
                 .model
                 .extras
@@ -298,8 +339,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
             NamedEffect {
                 name: info.name.to_string(),
                 meaning: info.meaning.to_string(),
-                confusable_with: classes[i]
-                    .iter()
+                confusable_with: by_name(&classes[i])
                     .map(|r| effects[r.effect].name.to_string())
                     .collect(),
                 parameters,
@@ -324,13 +364,13 @@ fn unnamed(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Unnamed> {
         .enumerate()
         .filter_map(|(i, e)| {
             let Extra::Generic(term) = &e.kind else { return None };
-            let amplitude = e.values.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let amplitude = term.amplitude(&e.columns, &e.values);
             let at = offsets[f.model.active.len() + i];
-            let variance =
-                (0..e.values.len()).map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
+            let own = 0..term.own_columns(e.values.len());
+            let variance = own.map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
             Some(Unnamed {
                 output: layout.directions[term.direction].name.into(),
-                versus: layout.variables[term.variable].name.into(),
+                versus: term.versus(layout),
                 shape: term.shape_name(),
                 amplitude_mm: amplitude,
                 text: term.text(layout, amplitude, k * variance.sqrt()),

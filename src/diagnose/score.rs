@@ -30,6 +30,8 @@ pub struct Candidate {
     pub count: usize,
     /// Form parameters chosen from a grid, which count as fitted.
     pub shape_parameters: usize,
+    /// A function of no set form: its coefficients share one prior variance, itself found from the data.
+    pub free: bool,
 }
 
 /// Candidates with their columns, split but not yet whitened. Those that live in the capture-level rows alone come first.
@@ -85,6 +87,13 @@ pub struct Score {
     pub rms_mm: f64,
 }
 
+impl Score {
+    /// χ² beyond what noise gives as many columns.
+    pub fn excess(&self) -> f64 {
+        self.chi2 - self.rank as f64
+    }
+}
+
 impl Pool {
     fn new(fitter: &Fitter, entries: Vec<(Who, usize, DMatrix<f64>)>) -> Self {
         let top_rows = fitter.space.top();
@@ -107,7 +116,8 @@ impl Pool {
             if first >= rest_from {
                 rest.columns_mut(first - rest_from, n).copy_from(&split.rows(top_rows, rows));
             }
-            candidates.push(Candidate { who, first, count: n, shape_parameters });
+            let free = matches!(&who, Who::Extra(Extra::Generic(t)) if t.shape.is_free());
+            candidates.push(Candidate { who, first, count: n, shape_parameters, free });
             first += n;
         }
         Self { candidates, top, rest, rest_from }
@@ -206,7 +216,7 @@ pub struct Standing {
     pub basis: DMatrix<f64>,
     /// Whitened residual with the tangent projected out.
     pub residual: DVector<f64>,
-    /// Degrees of freedom of each random component and of the complement.
+    /// Degrees of freedom of each random component, then of the complement of each class.
     dof: Vec<f64>,
     /// How far the squares exceed the degrees of freedom: what has been put back by `without`.
     excess: f64,
@@ -233,10 +243,10 @@ impl Standing {
         let mut white = fitter.whiten(&column, &fitted.noise);
         white -= &basis * basis.tr_mul(&white);
         let used = basis.ncols() as f64;
-        let dimensions = fitter.space.dimensions();
-        let total: f64 = dimensions.iter().sum();
+        let dimensions = fitter.space.dimensions(&fitted.noise);
+        let total = fitter.space.observations() as f64;
         let dof: Vec<f64> = dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
-        let excess = (white.norm_squared() - dof.iter().sum::<f64>()).max(0.0);
+        let excess = (white.norm_squared() - (total - used)).max(0.0);
         let fixed = fitter.given_mm.is_some() && fitted.noise.ratios.is_empty();
         Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed }
     }
@@ -259,9 +269,14 @@ impl Standing {
                     return None;
                 }
                 let ln_p = self.ln_p(fitter, &x, c, chi2, rank as f64);
-                let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
                 let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
-                let evidence = 0.5 * chi2 - price - self.second_reading(fitter, c);
+                let evidence = match c.free {
+                    true => gain_of_free(chi2, rank as f64, groups.ln()),
+                    false => {
+                        let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
+                        0.5 * chi2 - price - self.second_reading(fitter, c)
+                    }
+                };
                 Some(Score { candidate: index, chi2, rank, ln_p, evidence, rms_mm })
             })
             .collect()
@@ -281,14 +296,10 @@ impl Standing {
 
     /// ln p, with the noise's own uncertainty.
     fn ln_p(&self, fitter: &Fitter, x: &Projected, c: &Candidate, chi2: f64, rank: f64) -> f64 {
-        if self.fixed {
-            return ln_f_tail(chi2 / rank, rank, f64::INFINITY);
-        }
         let mut inverse = 0.0;
         for k in c.first..c.first + c.count {
-            let top = x.top.column(k);
-            let rest = (x.whole(k, k) - top.norm_squared()).max(0.0);
-            let shares = fitter.space.shares(top.as_view(), rest);
+            let rest = k.checked_sub(x.rest_from).map(|r| x.rest.column(r));
+            let shares = fitter.space.shares(x.top.column(k), rest);
             inverse += shares.iter().zip(&self.dof).map(|(s, d)| s * s / d.max(1.0)).sum::<f64>();
         }
         let dof = (c.count as f64 / inverse.max(1e-9)).max(rank + 1.0);
@@ -296,8 +307,18 @@ impl Standing {
         let all = dof + self.excess;
         let left = (all - chi2).max(0.02 * dof);
         let f = (all - left) / rank / (left / (dof - rank));
-        ln_f_tail(f, rank, dof - rank)
+        let ln_p = ln_f_tail(f, rank, dof - rank);
+        // Given noise holds unless more than it is left: what else is wrong is noise to this candidate.
+        if self.fixed { ln_p.max(ln_chi2_tail(chi2, rank)) } else { ln_p }
     }
+}
+
+/// Log evidence of a free function, nats. Schwarz's price (half of ln(captures) a parameter) would rule out every function of
+/// many levels; its coefficients are taken from one normal distribution instead, whose likeliest variance is the one parameter:
+/// ½ rank (m - 1 - ln m) with m = χ² / rank.
+fn gain_of_free(chi2: f64, rank: f64, ln_captures: f64) -> f64 {
+    let m = (chi2 / rank).max(1.0);
+    0.5 * rank * (m - 1.0 - m.ln()) - 0.5 * ln_captures
 }
 
 /// A column that keeps less than this part of its length after the projection is an alias of the model.

@@ -25,6 +25,9 @@ const SECOND_NAME: f64 = 3.0;
 /// Most parts a model may get.
 const MOST_PARTS: usize = 8;
 
+/// Most generic shapes a model may get: that something is unknown is said by then.
+const MOST_SHAPES: usize = 3;
+
 /// The outcome of the selection.
 pub struct Selection {
     /// The baseline alone, fitted.
@@ -66,6 +69,7 @@ impl Selection {
     /// The model with the most convincing addition, if there is one.
     fn next(&self, fitter: &Fitter) -> Option<Model> {
         let f = &self.fitted;
+        let effects = fitter.experiment.effects();
         let standing = Standing::new(fitter, f, &[]);
         let taken = |s: &Score| match &self.library.candidates[s.candidate].who {
             Who::Effect(a) => f.model.active.iter().any(|b| b.effect == a.effect),
@@ -105,11 +109,15 @@ impl Selection {
         );
         let named = self.strongest_named(fitter);
         let explained = self.explained(fitter);
-        let big = |s: &Score| s.chi2 > LEAST_CHI2 && s.chi2 > LEAST_SHARE * explained;
+        // Exact geometry has no form to be wrong: what remains beside it is something else, whatever its size.
+        let loose = f.model.active.iter().any(|a| !effects[a.effect].varies_with.is_empty());
+        let least = if loose { LEAST_CHI2 } else { 0.0 };
+        let big = |s: &Score| s.excess() > least && s.excess() > LEAST_SHARE * explained;
         let library = library.filter(|l| big(l));
-        let generic = generic.filter(|g| big(g));
+        let shapes = f.model.extras.iter().filter(|e| matches!(e.kind, Extra::Generic(_))).count();
+        let generic = generic.filter(|g| big(g) && shapes < MOST_SHAPES);
         let rival = library.iter().chain(&generic).map(|s| s.evidence).fold(f64::MIN, f64::max);
-        let rival_chi2 = library.iter().chain(&generic).map(|s| s.chi2).fold(0.0, f64::max);
+        let rival_chi2 = library.iter().chain(&generic).map(Score::excess).fold(0.0, f64::max);
         if let Some(x) = &form {
             let small = rival_chi2 < FORM_SHARE * named;
             if x.evidence >= rival - LIBRARY_BONUS || (small && x.evidence > 0.6 * rival) {
@@ -200,10 +208,10 @@ impl Selection {
                 .filter(|(i, _)| part != Part::Effect(*i))
                 .map(|(_, a)| a.effect)
                 .collect();
-            let mut consider = |score: &Score, bonus: f64, model: Model| {
+            let mut consider = |score: &Score, bonus: f64, model: &dyn Fn() -> Model| {
                 let gain = score.evidence + bonus - own;
                 if gain > 1.0 && found.as_ref().is_none_or(|(g, _)| gain > *g) {
-                    found = Some((gain, model));
+                    found = Some((gain, model()));
                 }
             };
             for s in standing.scores(fitter, f, &self.library) {
@@ -211,16 +219,17 @@ impl Selection {
                     if other_effects.contains(&a.effect) {
                         continue;
                     }
-                    let mut model = remove(&f.model, part);
-                    model.active.push(a.clone());
-                    consider(&s, LIBRARY_BONUS, model);
+                    consider(&s, LIBRARY_BONUS, &|| {
+                        let mut model = remove(&f.model, part);
+                        model.active.push(a.clone());
+                        model
+                    });
                 }
             }
-            if matches!(part, Part::Effect(_)) || matches!(part, Part::Extra(_)) {
-                for s in standing.scores(fitter, f, &self.generic) {
-                    let model = with_extra(fitter, &remove(&f.model, part), &[], &self.generic, &s);
-                    consider(&s, 0.0, model);
-                }
+            for s in standing.scores(fitter, f, &self.generic) {
+                consider(&s, 0.0, &|| {
+                    with_extra(fitter, &remove(&f.model, part), &[], &self.generic, &s)
+                });
             }
         }
         found.map(|(_, model)| model)
@@ -268,7 +277,7 @@ impl Selection {
         let generic = |e: &ExtraTerm| matches!(e.kind, Extra::Generic(_));
         let Some(at) = f.model.extras.iter().position(generic) else { return };
         let (standing, own) = without(fitter, f, &[Part::Extra(at)]);
-        let own = own.map_or(0.0, |s| s.evidence) - LIBRARY_BONUS;
+        let own = own.map_or(0.0, |s| s.evidence) - LIBRARY_BONUS + SECOND_NAME;
         let rest = remove(&f.model, Part::Extra(at));
         let mut firsts = standing.scores(fitter, f, &self.library);
         firsts.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
@@ -421,7 +430,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
     let put_back: Vec<_> =
         all.iter().map(|&p| (range(p), contribution(fitter, &f.model, p))).collect();
     let standing = Standing::new(fitter, f, &put_back);
-    let (mut linear, mut shape_parameters) = (Vec::new(), 0);
+    let (mut linear, mut shape_parameters, mut free) = (Vec::new(), 0, false);
     for &part in &all {
         match part {
             Part::Effect(i) => {
@@ -433,6 +442,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
                 linear.extend(range(part));
                 if let Extra::Generic(t) = &f.model.extras[i].kind {
                     shape_parameters += t.shape.places();
+                    free |= t.shape.is_free();
                 }
             }
         }
@@ -441,6 +451,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
     let kind = Extra::Form { effect: usize::MAX, variable: 0 };
     let mut pool = Pool::of_terms(fitter, vec![(kind, block)]);
     pool.candidates[0].shape_parameters = shape_parameters;
+    pool.candidates[0].free = free;
     let score = standing.scores(fitter, f, &pool).into_iter().next();
     (standing, score)
 }

@@ -124,7 +124,7 @@ pub struct AxisEntry {
 }
 
 /// `[[effects]]`: one fault and its size; the effects library gives the names their meaning.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Effect {
     /// The library's name.
@@ -132,6 +132,9 @@ pub struct Effect {
     /// Parameters by name, with the unit in the name.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
+    /// Half-widths of the parameters' 95 % intervals, where they were measured.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub parameters_u95: BTreeMap<String, f64>,
 }
 
 fn plus_one() -> i32 {

@@ -5,10 +5,12 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use crate::diagnose::data::{angle_warning, known_effects, length_warning, need, sites};
+use crate::diagnose::data::{
+    angle_warning, extend_time, known_effects, length_warning, need, need_head_b_table_c, sites,
+};
 use crate::diagnose::effects::{Library, ballbar, burn, thermal};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
 use crate::diagnose::generic::range;
 use crate::error::Result;
@@ -50,19 +52,50 @@ impl Columns {
     }
 }
 
-/// Prediction of one row's outputs: data, nuisances, row, the effects' errors.
-type Predict = fn(&Columns, &[f64], usize, Vector3<f64>) -> [f64; 2];
+/// What sets one kind of data over plain columns apart.
+struct Sort {
+    kind: &'static str,
+    outputs: &'static [&'static str],
+    /// Columns that a planned capture may set.
+    planned: &'static [&'static str],
+    library: fn(&Columns) -> Library<Columns, Vector3<f64>>,
+    /// Prediction of one row's outputs: data, nuisances, row, the effects' errors.
+    predict: fn(&Columns, &[f64], usize, Vector3<f64>) -> [f64; 2],
+}
+
+const BURN: Sort = Sort {
+    kind: "burn",
+    outputs: &["dx_mm", "dy_mm"],
+    planned: &["height_mm", "power_w", "b_deg"],
+    library: burn::library,
+    predict: |_, _, _, e| [e.x, e.y],
+};
+const THERMAL: Sort = Sort {
+    kind: "thermal",
+    outputs: &["error_mm"],
+    planned: &["position_mm", "screw_c"],
+    library: thermal::library,
+    predict: thermal::predict,
+};
+const BALLBAR: Sort = Sort {
+    kind: "ballbar",
+    outputs: &["length_mm"],
+    planned: &["b_deg", "dir"],
+    library: ballbar::library,
+    predict: ballbar::predict,
+};
+
+/// Places of each column in planned captures.
+const PLANNED_STEPS: usize = 7;
 
 /// An experiment over plain columns.
 pub struct ColumnsExperiment {
-    kind: &'static str,
-    outputs: &'static [&'static str],
+    sort: &'static Sort,
     data: Columns,
     library: Library<Columns, Vector3<f64>>,
     known: Vec<Active>,
     layout: Layout,
     nuisances: Vec<Parameter>,
-    predict: Predict,
 }
 
 impl ColumnsExperiment {
@@ -88,18 +121,7 @@ impl ColumnsExperiment {
     ) -> Result<Self> {
         let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
-        let library = burn::library(&data);
-        Self::new(
-            "burn",
-            &["dx_mm", "dy_mm"],
-            table,
-            data,
-            library,
-            Vec::new(),
-            machine,
-            |_, _, _, e| [e.x, e.y],
-            warnings,
-        )
+        Self::new(&BURN, table, data, Vec::new(), machine, warnings)
     }
 
     /// Reads thermal errors: `t_s,axis,position_mm,error_mm,screw_c`, `head_1_c..`, optional `ambient_c`.
@@ -133,24 +155,13 @@ impl ColumnsExperiment {
             let cold = if column[first].abs() > 5.0 { column[first] } else { 0.0 };
             data.head_c.push(column.iter().map(|v| v - cold).collect());
         }
-        let library = thermal::library(&data);
         let mut nuisances: Vec<Parameter> =
             (1..=sensors).map(|k| Parameter::linear(format!("head_{k}_mm_per_c"), 1e-3)).collect();
         for name in &data.series_names {
             nuisances.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
             nuisances.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
         }
-        Self::new(
-            "thermal",
-            &["error_mm"],
-            table,
-            data,
-            library,
-            nuisances,
-            machine,
-            thermal::predict,
-            warnings,
-        )
+        Self::new(&THERMAL, table, data, nuisances, machine, warnings)
     }
 
     /// Reads ball bar lengths: `b_deg,length_mm`, optional `z_mm,path,dir`.
@@ -170,49 +181,36 @@ impl ColumnsExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
+        need_head_b_table_c("ballbar", machine)?;
         let mut data = read(table, &["b_deg", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
         let nuisances = ballbar::prepare(&mut data, &measured, warnings);
-        let library = ballbar::library(&data);
-        Self::new(
-            "ballbar",
-            &["length_mm"],
-            table,
-            data,
-            library,
-            nuisances,
-            machine,
-            ballbar::predict,
-            warnings,
-        )
+        Self::new(&BALLBAR, table, data, nuisances, machine, warnings)
     }
 
-    #[allow(clippy::too_many_arguments)]
     fn new(
-        kind: &'static str,
-        outputs: &'static [&'static str],
+        sort: &'static Sort,
         table: &Table,
         data: Columns,
-        library: Library<Columns, Vector3<f64>>,
         nuisances: Vec<Parameter>,
         machine: &Machine,
-        predict: Predict,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
         let rows = table.rows();
         let mut measured = Vec::new();
-        for name in outputs {
+        for name in sort.outputs {
             let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);
-            if kind != "ballbar" {
+            if sort.kind != "ballbar" {
                 length_warning(name, &column, warnings);
             }
             measured.push(column);
         }
+        let library = (sort.library)(&data);
         let known = known_effects(&library, machine, warnings)?;
-        let layout = layout(&data, outputs, &measured);
-        Ok(Self { kind, outputs, data, library, known, layout, nuisances, predict })
+        let layout = layout(&data, sort.outputs, &measured);
+        Ok(Self { sort, data, library, known, layout, nuisances })
     }
 }
 
@@ -286,7 +284,7 @@ fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> La
 
 impl Experiment for ColumnsExperiment {
     fn kind(&self) -> &'static str {
-        self.kind
+        self.sort.kind
     }
 
     fn layout(&self) -> &Layout {
@@ -305,17 +303,82 @@ impl Experiment for ColumnsExperiment {
         let all = [self.known.as_slice(), active].concat();
         let rows = self.data.series.len();
         let errors = self.library.errors(&self.data, rows, &all);
-        let k = self.outputs.len();
+        let k = self.sort.outputs.len();
         errors
             .iter()
             .enumerate()
-            .flat_map(|(row, e)| (self.predict)(&self.data, nuisances, row, *e).into_iter().take(k))
+            .flat_map(|(row, e)| {
+                (self.sort.predict)(&self.data, nuisances, row, *e).into_iter().take(k)
+            })
             .collect()
     }
 
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
-        let k = self.outputs.len();
+        let k = self.sort.outputs.len();
         let column = |o: usize| predicted.iter().skip(o).step_by(k).copied().collect();
-        self.outputs.iter().enumerate().map(|(o, name)| (*name, column(o))).collect()
+        self.sort.outputs.iter().enumerate().map(|(o, name)| (*name, column(o))).collect()
+    }
+
+    fn proposals(&self) -> Vec<PlannedCapture> {
+        let d = &self.data;
+        // Places over the measured range of a column, or the two directions.
+        let steps = |name: &'static str| -> Vec<(&'static str, f64)> {
+            let column = d.get(name);
+            if column.is_empty() {
+                return Vec::new();
+            }
+            let (mut low, mut high) = range(column);
+            if name == "b_deg" {
+                // What B can do on one side it can do on the other.
+                high = high.max(-low);
+                low = -high;
+            }
+            let count = if high > low { PLANNED_STEPS } else { 1 };
+            let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
+            (0..count).map(|k| (name, at(k))).collect()
+        };
+        let mut list = vec![BTreeMap::new()];
+        for name in self.sort.planned {
+            let values = if *name == "dir" && !d.get("dir").is_empty() {
+                vec![("dir", 1.0), ("dir", -1.0)]
+            } else {
+                steps(name)
+            };
+            if !values.is_empty() {
+                let with = |c: &BTreeMap<&'static str, f64>| -> Vec<BTreeMap<&'static str, f64>> {
+                    values
+                        .iter()
+                        .map(|v| c.iter().map(|(k, x)| (*k, *x)).chain([*v]).collect())
+                        .collect()
+                };
+                list = list.iter().flat_map(with).collect();
+            }
+        }
+        list.into_iter().map(PlannedCapture).collect()
+    }
+
+    fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
+        let mut data = self.data.clone();
+        for capture in plan {
+            for (name, column) in &mut data.numbers {
+                match *name {
+                    "t_s" => extend_time(column),
+                    // Z stays linked to B, as the ball bar's own path has it.
+                    "z_mm" => {
+                        column.push(ballbar::linked_z(&self.data, capture.or_last("b_deg", &[0.0])))
+                    }
+                    name => capture.extend(name, column),
+                }
+            }
+            data.series.push(0);
+            for sensor in &mut data.head_c {
+                sensor.push(sensor.last().copied().unwrap_or(0.0));
+            }
+        }
+        let zeros = vec![vec![0.0; data.series.len()]; self.sort.outputs.len()];
+        let layout = layout(&data, self.sort.outputs, &zeros);
+        let library = (self.sort.library)(&self.data);
+        let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
+        Box::new(Self { data, library, known, layout, nuisances, sort: self.sort })
     }
 }

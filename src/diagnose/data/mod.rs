@@ -44,6 +44,14 @@ pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<String> {
     })
 }
 
+/// Appends the time of a further capture, taken as long after the last as the captures follow each other.
+pub fn extend_time(t_s: &mut Vec<f64>) {
+    if let Some(last) = t_s.iter().copied().reduce(f64::max) {
+        let (low, high) = crate::diagnose::generic::range(t_s);
+        t_s.push(last + (high - low) / t_s.len() as f64);
+    }
+}
+
 /// Directions must be -1, 0 or 1.
 pub fn check_direction(table: &Table, name: &str, values: &[f64]) -> Result<()> {
     match values.iter().position(|v| ![-1.0, 0.0, 1.0].contains(v)) {
@@ -81,6 +89,34 @@ pub fn length_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
             "column '{name}' reaches {largest:.1}: if it is in micrometres, turn it into millimetres"
         ));
     }
+}
+
+/// The library's effects are written for B in the head and C in the table; a machine of another order is refused, not
+/// predicted wrongly.
+pub fn need_head_b_table_c(kind: &str, machine: &Machine) -> Result<()> {
+    let rotary = |part: Option<&str>| -> String {
+        part.unwrap_or("").chars().filter(|c| "ABC".contains(*c)).collect()
+    };
+    let mut parts = machine.kinematics.order.split('b');
+    let usual = rotary(parts.next()) == "C" && rotary(parts.next()) == "B";
+    let moved = machine.axes.iter().find(|(_, a)| {
+        a.point_mm.is_some() || a.direction.is_some() || a.sense.is_some_and(|s| s != 1)
+    });
+    let reason = match moved {
+        None if usual => return Ok(()),
+        None => format!(
+            "the effects library knows B in the head and C in the table, not '{}'",
+            machine.kinematics.order
+        ),
+        Some((name, _)) => {
+            format!("the effects library does not know the line or sense that [axes.{name}] gives")
+        }
+    };
+    Err(Error::measure(
+        format!("{kind} data"),
+        reason,
+        "use 'simulate' and 'verify', which take any order of axes",
+    ))
 }
 
 /// The effects that the model file already has, as far as this kind of data knows them.

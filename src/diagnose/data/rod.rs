@@ -1,12 +1,15 @@
 //! `rod` data: edge points of a check rod in pixels, capture by capture.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
+use std::f64::consts::TAU;
 use std::path::Path;
 
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{angle_warning, check_direction, known_effects, need, sites};
+use crate::diagnose::data::{
+    angle_warning, check_direction, extend_time, known_effects, need, sites,
+};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
@@ -25,6 +28,7 @@ pub struct Rod {
     axes: [Vector2<f64>; 2],
     /// Machine place of each capture.
     pub place: Vec<Vector2<f64>>,
+    c_sense: f64,
     /// C of each capture with its sense; empty where missing, like the other optional columns.
     pub c_rad: Vec<f64>,
     /// Time.
@@ -127,6 +131,13 @@ impl Rod {
     }
 }
 
+/// Captures that see more of the rim than this show its lobes.
+const WHOLE_DEG: f64 = 240.0;
+/// Edge points of a planned capture.
+const PLANNED_POINTS: i32 = 24;
+/// C angles of planned captures.
+const PLANNED_ANGLES: i32 = 9;
+
 /// A `rod` experiment.
 pub struct RodExperiment {
     data: Rod,
@@ -216,6 +227,7 @@ impl RodExperiment {
         let data = Rod {
             lens,
             axes: [eu, ev],
+            c_sense: sense,
             c_rad: c_deg.iter().map(|c| sense * c.to_radians()).collect(),
             t_s: per_capture("t_s")?,
             temp_c: per_capture("temp_c")?,
@@ -268,6 +280,23 @@ fn circle(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, f64)> {
     Some((mean + centre, radius2.sqrt()))
 }
 
+/// How much of the rim the middle one of the captures sees, degrees.
+fn seen_deg(angles: &[f64], capture: &[usize], captures: usize) -> f64 {
+    let mut by_capture = vec![Vec::new(); captures];
+    angles.iter().zip(capture).for_each(|(a, g)| by_capture[*g].push(a.to_degrees()));
+    let mut seen: Vec<f64> = by_capture
+        .into_iter()
+        .filter(|a| a.len() > 1)
+        .map(|mut a| {
+            a.sort_by(f64::total_cmp);
+            let round = 360.0 - (a[a.len() - 1] - a[0]);
+            360.0 - a.windows(2).map(|w| w[1] - w[0]).fold(round, f64::max)
+        })
+        .collect();
+    seen.sort_by(f64::total_cmp);
+    seen.get(seen.len() / 2).copied().unwrap_or(0.0)
+}
+
 fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     let points = values.len();
     let normals: Vec<Vector2<f64>> =
@@ -310,7 +339,11 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         Direction { name: "radius", factors: vec![1.0; points] },
     ];
     let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
-    let random = vec![wave(1.0), vec![vec![1.0; points]], wave(2.0), wave(3.0)];
+    let mut random = vec![wave(1.0)];
+    if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
+        // On a short arc radius and lobes cannot be told from a shift of the capture.
+        random.extend([vec![vec![1.0; points]], wave(2.0), wave(3.0)]);
+    }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
     for column in [c_deg, &data.dir_x, &data.dir_y] {
         if !column.is_empty() {
@@ -366,17 +399,60 @@ impl Experiment for RodExperiment {
     }
 
     fn proposals(&self) -> Vec<PlannedCapture> {
-        // Corners of the frame over irregular C angles.
-        let reach = |axis: usize| 0.5 * self.data.travel_mm(axis).max(1.0);
-        (0..8)
-            .map(|k: i32| {
-                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-                let mut capture = std::collections::BTreeMap::new();
-                capture.insert("x_mm", self.data.pole.x + side(k) * reach(0));
-                capture.insert("y_mm", self.data.pole.y + side(k / 2) * reach(1));
-                capture.insert("c_deg", f64::from(k * 83 % 360));
-                PlannedCapture(capture)
-            })
-            .collect()
+        let d = &self.data;
+        let mut list = Vec::new();
+        let reach = [0, 1].map(|axis| 0.5 * d.travel_mm(axis).max(1.0));
+        for k in 0..9 * PLANNED_ANGLES {
+            let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+            let place = [k % 3 - 1, k / 3 % 3 - 1].map(f64::from);
+            let mut capture = BTreeMap::new();
+            capture.insert("x_mm", d.pole.x + place[0] * reach[0]);
+            capture.insert("y_mm", d.pole.y + place[1] * reach[1]);
+            // C angles that no small harmonic repeats on.
+            if !d.c_rad.is_empty() {
+                capture.insert("c_deg", f64::from(k / 9 * 83 % 360));
+            }
+            if !d.dir_x.is_empty() {
+                capture.insert("dir_x", side(k));
+            }
+            if !d.dir_y.is_empty() {
+                capture.insert("dir_y", side(k / 2));
+            }
+            list.push(PlannedCapture(capture));
+        }
+        list
+    }
+
+    fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
+        let mut data = self.data.clone();
+        let mut values = self.layout.values.clone();
+        let radius = values.iter().sum::<f64>() / values.len().max(1) as f64;
+        for capture in plan {
+            let last = data.place.last().copied().unwrap_or(data.pole);
+            let place = Vector2::new(
+                capture.or_last("x_mm", &[last.x]),
+                capture.or_last("y_mm", &[last.y]),
+            );
+            for k in 0..PLANNED_POINTS {
+                let (s, c) = (f64::from(k) / f64::from(PLANNED_POINTS) * TAU).sin_cos();
+                data.points.push(data.pole + Vector2::new(c, s) * radius);
+                data.capture.push(data.place.len());
+                values.push(radius);
+            }
+            data.place.push(place);
+            if let Some(last) = data.c_rad.last().copied() {
+                let planned = capture.0.get("c_deg").map(|c| data.c_sense * c.to_radians());
+                data.c_rad.push(planned.unwrap_or(last));
+            }
+            capture.extend("dir_x", &mut data.dir_x);
+            capture.extend("dir_y", &mut data.dir_y);
+            capture.extend("temp_c", &mut data.temp_c);
+            extend_time(&mut data.t_s);
+        }
+        let c_deg: Vec<f64> = data.c_rad.iter().map(|c| data.c_sense * c.to_degrees()).collect();
+        let layout = layout(&data, values, &c_deg);
+        let library = library(&self.data);
+        let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
+        Box::new(Self { data, library, known, layout, nuisances })
     }
 }

@@ -1,15 +1,19 @@
 //! `rtcp` data: deviation vectors over B, C, direction, time, temperature.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{angle_warning, check_direction, length_warning, need, sites};
+use crate::diagnose::data::{
+    angle_warning, check_direction, extend_time, length_warning, need, need_head_b_table_c, sites,
+};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
+use crate::diagnose::generic::range;
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::table::Table;
@@ -110,6 +114,7 @@ impl RtcpExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
+        need_head_b_table_c("rtcp", machine)?;
         let (b_deg, c_deg) = (table.column("b_deg")?, table.column("c_deg")?);
         let rows = table.rows();
         angle_warning("b_deg", &b_deg, warnings);
@@ -168,22 +173,12 @@ impl RtcpExperiment {
     }
 }
 
-/// Adds what the machine file's effects show to the deviations `d`, row by row of the sweep's table.
-pub fn add_effects(
-    machine: &Machine,
-    table: &Table,
-    d: &mut [Vector3<f64>],
-    warnings: &mut Vec<String>,
-) -> Result<()> {
-    if machine.effects.is_empty() {
-        return Ok(());
-    }
-    let experiment = RtcpExperiment::from_table(table, machine, warnings)?;
+/// Adds what the effects in an `rtcp` experiment's machine file show to the deviations `d`, row by row.
+pub fn add_effects(experiment: &dyn Experiment, d: &mut [Vector3<f64>]) {
     let added = experiment.predict(&[0.0; 3], &[]);
     for (d, added) in d.iter_mut().zip(added.chunks_exact(3)) {
         *d += Vector3::from_column_slice(added);
     }
-    Ok(())
 }
 
 /// `(X, Y, Z) = T(C) - (v(B) - v0)`.
@@ -276,50 +271,52 @@ impl Experiment for RtcpExperiment {
 
     fn proposals(&self) -> Vec<PlannedCapture> {
         let mut list = Vec::new();
-        for b in 0..13 {
-            for c in 0..13 {
-                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-                let mut capture = std::collections::BTreeMap::new();
-                // C angles that no small harmonic repeats on.
-                capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
-                capture.insert("c_deg", f64::from(c * 83 % 360));
-                if !self.data.dir_b.is_empty() {
-                    capture.insert("dir_b", side(b + c));
+        // As warm as the machine is now, and as cold and as hot as it has been.
+        let (cold, hot) = range(&self.data.temp_c);
+        let states = if self.data.temp_c.is_empty() { vec![0.0] } else { vec![cold, hot] };
+        for (k, temp) in states.into_iter().enumerate() {
+            for b in 0..13 {
+                for c in 0..7 {
+                    let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+                    let mut capture = BTreeMap::new();
+                    capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
+                    // C angles that no small harmonic repeats on.
+                    capture.insert("c_deg", f64::from((c + 7 * k as i32) * 83 % 360));
+                    for (name, column, way) in [
+                        ("dir_b", &self.data.dir_b, side(b + c)),
+                        ("dir_c", &self.data.dir_c, side(b + c / 2)),
+                        ("temp_c", &self.data.temp_c, temp),
+                    ] {
+                        if !column.is_empty() {
+                            capture.insert(name, way);
+                        }
+                    }
+                    list.push(PlannedCapture(capture));
                 }
-                if !self.data.dir_c.is_empty() {
-                    capture.insert("dir_c", side(b + c / 2));
-                }
-                list.push(PlannedCapture(capture));
             }
         }
         list
     }
 
-    fn with_plan(&self, plan: &[PlannedCapture]) -> Option<Box<dyn Experiment>> {
-        let column = |name: &str| plan.iter().filter_map(|c| c.0.get(name).copied()).collect();
-        let (b_deg, c_deg): (Vec<f64>, Vec<f64>) = (column("b_deg"), column("c_deg"));
-        // Taken right after the run, at the temperature it ended with.
-        let after = |c: &[f64], step: f64| -> Vec<f64> {
-            let last = c.last().copied();
-            last.map_or_else(Vec::new, |l| (1..=plan.len()).map(|k| l + step * k as f64).collect())
-        };
-        let commanded =
-            b_deg.iter().zip(&c_deg).map(|(b, c)| nominal(&self.data.geometry, *b, *c)).collect();
-        let data = Rtcp {
-            geometry: self.data.geometry.clone(),
-            dir_b: column("dir_b"),
-            dir_c: column("dir_c"),
-            t_s: after(&self.data.t_s, 20.0),
-            temp_c: after(&self.data.temp_c, 0.0),
-            commanded,
-            b_deg,
-            c_deg,
-        };
-        let zeros = vec![vec![0.0; plan.len()]; 3];
+    fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
+        let mut data = self.data.clone();
+        let geometry = &self.data.geometry;
+        for capture in plan {
+            let b = capture.or_last("b_deg", &data.b_deg);
+            let c = capture.or_last("c_deg", &data.c_deg);
+            data.commanded.push(nominal(geometry, b, c));
+            data.b_deg.push(b);
+            data.c_deg.push(c);
+            capture.extend("dir_b", &mut data.dir_b);
+            capture.extend("dir_c", &mut data.dir_c);
+            capture.extend("temp_c", &mut data.temp_c);
+            extend_time(&mut data.t_s);
+        }
+        let zeros = vec![vec![0.0; data.b_deg.len()]; 3];
         let layout = layout(&data, &zeros, false);
         // The library stays the run's own: its forms and their order are what the model refers to.
         let library = library(&self.data);
         let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
-        Some(Box::new(Self { data, library, known, layout, nuisances }))
+        Box::new(Self { data, library, known, layout, nuisances })
     }
 }

@@ -11,10 +11,7 @@ type L = Library<Columns, Vector3<f64>>;
 /// Completes the columns (Z from the path that keeps the bar's length, its sense from the data) and gives the
 /// nuisances: cup of each path, and the bar's length.
 pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>) -> Vec<Parameter> {
-    let r = data.head.norm();
-    let b: Vec<f64> = data.get("b_deg").iter().map(|b| b.to_radians()).collect();
-    // Z = 2R (1 - cos B) keeps the bar's length over a cup 2R below the pivot (docs/diagnose.md).
-    let linked: Vec<f64> = b.iter().map(|b| -2.0 * r * (1.0 - b.cos())).collect();
+    let linked: Vec<f64> = data.get("b_deg").iter().map(|b| linked_z(data, *b)).collect();
     let given = data.get("z_mm").to_vec();
     let z = if given.is_empty() {
         warnings.push(
@@ -44,6 +41,11 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
     }
     nuisances.push(Parameter::linear("bar_mm", 0.05));
     nuisances
+}
+
+/// Z = 2R (1 - cos B) downwards keeps the bar's length over a cup 2R below the pivot (docs/diagnose.md).
+pub fn linked_z(data: &Columns, b_deg: f64) -> f64 {
+    -2.0 * data.head.norm() * (1.0 - b_deg.to_radians().cos())
 }
 
 /// The bar's length at a row.
