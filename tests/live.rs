@@ -273,6 +273,43 @@ fn a_stream_that_stalls_or_dies_is_reported_and_nothing_stored_is_lost() {
     assert!(third.exists());
 }
 
+/// A rim larger than the frame: every capture of a rod alone says where its centre is, with the diameter known.
+#[test]
+fn an_arc_of_a_known_rim_is_enough() {
+    let source = Path::new("images/rod-typical");
+    let rows = std::fs::read_to_string(source.join("rod-0001.csv")).unwrap();
+    let truth: Value =
+        serde_json::from_slice(&std::fs::read(source.join("rod-0001.truth.json")).unwrap())
+            .unwrap();
+    let calib = source.join("calib.toml");
+    for row in rows.lines().skip(1).step_by(2) {
+        let cells: Vec<&str> = row.split(',').collect();
+        let folder = tempfile::tempdir().unwrap();
+        for i in 0..3 {
+            std::fs::copy(source.join(cells[0]), folder.path().join(format!("{i}.png"))).unwrap();
+        }
+        let (json, code, words) = run(&[
+            "center",
+            folder.path().to_str().unwrap(),
+            "--calib",
+            calib.to_str().unwrap(),
+            "--diameter-mm",
+            "18.32",
+            "--u95-mm",
+            "0.05",
+            "--at",
+            &format!("{},{}", cells[1], cells[2]),
+        ]);
+        assert_eq!(code, Some(0), "{words}");
+        for k in 0..2 {
+            let off = number(&json, &format!("/center_machine_mm/{k}"))
+                - number(&truth, &format!("/axis_center_mm/{k}"));
+            let u95 = number(&json, &format!("/offset_u95_mm/{k}"));
+            assert!(off.abs() < 2.0 * u95 + 0.01, "{row}: off by {off} of {u95}");
+        }
+    }
+}
+
 #[test]
 fn sources_that_cannot_be_are_refused_at_once() {
     for (source, words) in [

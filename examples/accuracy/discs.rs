@@ -24,7 +24,9 @@ struct Cell {
 
 /// Prints the table: rms of the centre over the bound, bias of the radius, how often the interval holds.
 pub fn table(runs: u64) {
-    println!("| radius px | blur px | contrast | noise | rms / bound | radius bias / rms | u95 holds | runs |");
+    println!(
+        "| radius px | blur px | contrast | noise | rms / bound | radius bias / rms | u95 holds | runs |"
+    );
     println!("|---|---|---|---|---|---|---|---|");
     for (radius_px, blur_px, contrast, noise) in [
         (20.0, 0.8, 120.0, 2.0),
@@ -48,8 +50,8 @@ fn row(cell: Cell, runs: u64) {
     let rms = (found.iter().map(|f| f.0.norm_squared()).sum::<f64>() / (2.0 * n)).sqrt();
     let bias = found.iter().map(|f| f.1).sum::<f64>() / n;
     let inside: usize = found.iter().map(|f| f.2).sum();
-    let bound = noise / contrast
-        * (2.0 * blur_px / (std::f64::consts::PI.sqrt() * radius_px)).sqrt();
+    let bound =
+        noise / contrast * (2.0 * blur_px / (std::f64::consts::PI.sqrt() * radius_px)).sqrt();
     println!(
         "| {radius_px} | {blur_px} | {contrast} | {noise} | {:.2} | {:+.2} | {:.0} % | {} of {runs} |",
         rms / bound,
@@ -104,8 +106,16 @@ fn normal_tail(x: f64) -> f64 {
     let z = x.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.5 * z);
     let series = [
-        -1.26551223, 1.00002368, 0.37409196, 0.09678418, -0.18628806, 0.27886807, -1.13520398,
-        1.48851587, -0.82215223, 0.17087277,
+        -1.26551223,
+        1.00002368,
+        0.37409196,
+        0.09678418,
+        -0.18628806,
+        0.27886807,
+        -1.13520398,
+        1.48851587,
+        -0.82215223,
+        0.17087277,
     ];
     let power = series.iter().rev().fold(0.0, |sum, c| sum * t + c);
     let erfc = t * (-z * z + power).exp();

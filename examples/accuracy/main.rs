@@ -8,7 +8,8 @@ mod rendered;
 fn main() {
     let mut words = std::env::args().skip(1);
     let what = words.next().unwrap_or_default();
-    let mut number = |otherwise: u64| words.next().and_then(|w| w.parse().ok()).unwrap_or(otherwise);
+    let mut number =
+        |otherwise: u64| words.next().and_then(|w| w.parse().ok()).unwrap_or(otherwise);
     match what.as_str() {
         "discs" => discs::table(number(100)),
         "burns" => rendered::burns(number(50), number(1)),

@@ -76,7 +76,9 @@ fn one_rod(scene: &RodScene, seed: u64) -> Result<Answer> {
 }
 
 fn head(what: &str) {
-    println!("| {what} | median µm | 90 % | worst | median u95 µm | u95 holds | beyond 3 u95 | refused |");
+    println!(
+        "| {what} | median µm | 90 % | worst | median u95 µm | u95 holds | beyond 3 u95 | refused |"
+    );
     println!("|---|---|---|---|---|---|---|---|");
 }
 
@@ -95,9 +97,8 @@ fn row(name: &str, answers: Vec<Result<Answer>>) {
     };
     let errors = sorted(&|a| 1e3 * a.error_mm.norm());
     let widths = sorted(&|a| 1e3 * a.u95_mm[0]);
-    let within = |a: &Answer, k: f64| {
-        (0..2).filter(|&i| a.error_mm[i].abs() <= k * a.u95_mm[i]).count()
-    };
+    let within =
+        |a: &Answer, k: f64| (0..2).filter(|&i| a.error_mm[i].abs() <= k * a.u95_mm[i]).count();
     let holds: usize = good.iter().map(|a| within(a, 1.0)).sum();
     let wrong = good.iter().filter(|a| within(a, 3.0) < 2).count();
     println!(

@@ -11,10 +11,12 @@ mod locate;
 mod noise;
 mod scan;
 mod sector;
+mod shading;
 mod template;
 
 pub use contour::Contour;
 pub(crate) use contour::wrap;
 pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
 pub use scan::{Band, Profiles, scan, scan_frame};
+pub use shading::flatten;
 pub use template::Template;

@@ -4,9 +4,10 @@
 //! along it, at a tenth of the cost; after a move it is measured anew. The frames' scatter averages out with their number; what
 //! the edge's own form leaves uncertain is the same in all of them and does not.
 
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
 use crate::calib::register::Patch;
@@ -18,6 +19,7 @@ use crate::frame::Frame;
 use crate::live::{Event, Feed, Shot};
 use crate::measure::circles::around;
 use crate::measure::ring::{self, Ring, Search};
+use crate::measure::rod;
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
 /// A circle is looked for within this share of its expected diameter.
@@ -218,7 +220,8 @@ struct Tracker {
 /// The last frame that was measured in full.
 struct Key {
     ring: Ring,
-    search: Search,
+    /// Where its edge is looked for; `None` for an arc of a rim.
+    search: Option<Search>,
     /// The pixels along its edge, and the middle of them.
     patch: Patch,
     middle: Vector2<f64>,
@@ -230,24 +233,34 @@ impl Tracker {
             return Some(ring);
         }
         let before = self.key.take();
-        let near = before.and_then(|key| self.nearby(&key, frame, view));
-        let (ring, search) = near.or_else(|| self.find(frame, view))?;
-        let ring = self.known_diameter(ring);
+        let (ring, search) = match self.rim_mm(view) {
+            Some(diameter_mm) => (arc(frame, view, diameter_mm)?, None),
+            None => {
+                let near = before.and_then(|key| self.nearby(&key, frame, view));
+                let (ring, search) = near.or_else(|| self.find(frame, view))?;
+                (self.known_diameter(ring), Some(search))
+            }
+        };
         self.key = Key::new(frame, ring.clone(), search);
         Some(ring)
     }
 
+    /// The diameter, where it is given and the frame can only hold an arc of it.
+    fn rim_mm(&self, view: &View) -> Option<f64> {
+        let field = view.width_px().min(view.height_px()) as f64 * view.pixel_mm();
+        self.options.diameter_mm.filter(|d| *d > 0.9 * field)
+    }
+
     /// Near where it was, if it is still the same edge.
     fn nearby(&self, key: &Key, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
-        let last = &key.ring;
-        let near =
-            Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..key.search };
+        let (last, search) = (&key.ring, key.search?);
+        let near = Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..search };
         let ring = ring::measure(frame, view, last.circle, near, None)?;
         let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
             && ring.contrast.signum() == last.contrast.signum()
             && ring.contrast.abs() > 0.4 * last.contrast.abs()
             && ring.arc_coverage > 0.6 * last.arc_coverage;
-        same.then_some((ring, key.search))
+        same.then_some((ring, search))
     }
 
     /// Anywhere in the frame, and a little outside where an arc is seen of a larger rim.
@@ -303,7 +316,7 @@ impl Tracker {
 
 impl Key {
     /// `None` for an edge that is hardly seen.
-    fn new(frame: &Frame, ring: Ring, search: Search) -> Option<Self> {
+    fn new(frame: &Frame, ring: Ring, search: Option<Search>) -> Option<Self> {
         let used: Vec<Vector2<f64>> =
             ring.trace.iter().filter(|(_, used)| *used).map(|(p, _)| *p).collect();
         if used.len() < 12 {
@@ -340,6 +353,53 @@ impl Key {
         ring.trace.iter_mut().for_each(|(p, _)| *p += place - self.middle);
         Some(ring)
     }
+}
+
+/// A rim of which the frame holds an arc, measured as a check rod's single capture.
+fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
+    let capture = rod::Capture {
+        image: String::new(),
+        path: PathBuf::new(),
+        position_mm: Vector2::zeros(),
+        c_deg: 0.0,
+        t_s: None,
+        temp_c: None,
+        direction: None,
+    };
+    let options = rod::Options { diameter_mm: Some(diameter_mm), ..Default::default() };
+    let seen = rod::measure_frames(&[capture], &[(frame.clone(), view.clone())], &options).ok()?;
+    let center = seen.report.rod_centers.first()?;
+    let circle = *seen.circles.first()?;
+    // A given diameter that the arc contradicts was not used, and an arc alone says too little.
+    if (2.0 * circle.radius / diameter_mm - 1.0).abs() > 0.02 {
+        return None;
+    }
+    let [x, y] = center.center_u95_mm.map(|u| (u / K95).powi(2));
+    let used = seen.points.iter().filter(|p| p.used).count();
+    Some(Ring {
+        circle,
+        covariance: Matrix3::from_diagonal(&Vector3::new(x, y, 0.0)),
+        dof: f64::INFINITY,
+        center_px: view.to_pixel(circle.center),
+        form_rms_mm: seen.report.form_rms_mm,
+        edge_points: used,
+        arc_coverage: used as f64 * arc_step(&seen.points) * view.pixel_mm()
+            / (std::f64::consts::TAU * circle.radius),
+        contrast: 0.0,
+        noise: 0.0,
+        softness_px: 2.0,
+        clipped_inside: false,
+        wander: Default::default(),
+        trace: seen.points.iter().map(|p| (p.pixel, p.used)).collect(),
+        residuals: Vec::new(),
+    })
+}
+
+/// Typical distance of neighbouring edge points, px.
+fn arc_step(points: &[rod::EdgePoint]) -> f64 {
+    let mut steps: Vec<f64> = points.windows(2).map(|w| (w[1].pixel - w[0].pixel).norm()).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(0.0)
 }
 
 /// The running mean of the centres since the last move.

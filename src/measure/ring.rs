@@ -3,7 +3,9 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, LocateOptions, Located, Profiles, locate, scan, scan_frame};
+use crate::edge::{
+    Band, Contour, LocateOptions, Located, Profiles, flatten, locate, scan, scan_frame,
+};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
@@ -117,6 +119,8 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
     let mut profiles = read(frame, &contour, band, softness);
     profiles.mask_glare();
+    let clip = profiles.clip();
+    flatten(&mut profiles, &contour, softness);
     // Faint edges need wider sectors: a point must be surer than the edge is soft.
     let mut best = None;
     let located = loop {
@@ -137,7 +141,7 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         closed: contour.closed,
         span: contour.span_rad / std::f64::consts::TAU,
         radius_px: contour.mean_radius_px(),
-        clipped_inside: profiles.clip().is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
+        clipped_inside: clip.is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
         located,
     };
     for e in &points.located.points {
