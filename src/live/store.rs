@@ -29,16 +29,13 @@ pub struct Position {
 impl Position {
     /// Reads `X Y [C]`, as an operator types it.
     pub fn parse(line: &str) -> Result<Self> {
-        let numbers: Vec<f64> = line
-            .split([' ', ',', ';', '\t'])
-            .filter(|w| !w.is_empty())
-            .map_while(|w| w.parse().ok())
-            .collect();
-        let words = line.split([' ', ',', ';', '\t']).filter(|w| !w.is_empty()).count();
+        let between = |c: char| c.is_whitespace() || c == ',' || c == ';';
+        let words: Vec<&str> = line.split(between).filter(|w| !w.is_empty()).collect();
+        let numbers: Vec<f64> = words.iter().map_while(|w| w.parse().ok()).collect();
         match numbers[..] {
             [x_mm, y_mm, ref rest @ ..]
-                if words == numbers.len()
-                    && words <= 3
+                if words.len() == numbers.len()
+                    && words.len() <= 3
                     && numbers.iter().all(|v| v.is_finite()) =>
             {
                 Ok(Self { x_mm, y_mm, c_deg: rest.first().copied().unwrap_or(0.0) })
