@@ -334,6 +334,13 @@ fn finish(
     let budget = sources.budget(axis_u95, 2.0 * u(last));
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
+    let form_mm = form.sqrt();
+    if form_mm > RAGGED_MM && options.diameter_mm.is_none() {
+        warnings.push(format!(
+            "the edges wander by {form_mm:.4} mm rms about the circle, more than a turned rim does: look at the \
+             overlays whether the chamfer's edge was taken for the rim, or give --diameter-mm"
+        ));
+    }
     Ok(Measured {
         report: Report {
             rod_centers,
@@ -352,7 +359,7 @@ fn finish(
             axis_separated: axis.is_some(),
             diameter_mm: 2.0 * radius,
             diameter_u95_mm: 2.0 * u(last),
-            form_rms_mm: form.sqrt(),
+            form_rms_mm: form_mm,
             captures: captures_report,
             budget,
             warnings,
@@ -361,6 +368,9 @@ fn finish(
         circles,
     })
 }
+
+/// A turned rim wanders by less than this; edges of two circles taken together wander by more.
+const RAGGED_MM: f64 = 0.006;
 
 /// The axis and the coverage factor of its covariance.
 fn find_axis(
