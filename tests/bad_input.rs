@@ -3,19 +3,11 @@
 
 #![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
 
-use std::path::Path;
-use std::process::{Command, Output};
+#[path = "common/line.rs"]
+mod line;
 
-/// Runs the program in `dir`; `{root}` in an argument is the project's folder.
-fn run(dir: &Path, line: &str) -> Output {
-    let root = env!("CARGO_MANIFEST_DIR");
-    Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"))
-        .current_dir(dir)
-        .env("PIVOTSIGHT_CONFIG", "none")
-        .args(line.split_whitespace().map(|word| word.replace("{root}", root)))
-        .output()
-        .unwrap()
-}
+use line::run;
+use std::path::Path;
 
 thread_local! {
     /// What a test found, so that all of it is seen at once.

@@ -1,8 +1,11 @@
 //! What calibrating promises: the plane, the laser and the check, end to end on rendered pictures with known truth.
 
+#[path = "common/json.rs"]
+mod json;
+
 use std::path::Path;
 
-use assert_cmd::Command;
+use json::run;
 use nalgebra::Vector2;
 use pivotsight::camera::Calibration;
 use pivotsight::render::{BurnScene, burn};
@@ -34,20 +37,6 @@ fn photograph(path: &Path, place_mm: Vector2<f64>, radius_mm: f64, seed: u64) ->
     let made = burn::render(&BurnScene::read(&file).unwrap(), seed).unwrap();
     made.picture.write_png(path).unwrap();
     made.camera.calibration
-}
-
-fn run(args: &[&str]) -> (Value, Option<i32>) {
-    let out = Command::cargo_bin("pivotsight")
-        .unwrap()
-        .args(args)
-        .args(["--format", "json"])
-        .output()
-        .unwrap();
-    let json = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
-    if json.is_null() {
-        println!("{}", String::from_utf8_lossy(&out.stderr));
-    }
-    (json, out.status.code())
 }
 
 const MARK: Vector2<f64> = Vector2::new(113.4, -41.7);
@@ -89,7 +78,7 @@ fn the_machine_is_the_ruler_of_the_plane() {
     let calib = folder.path().join("found.toml");
     let lens = folder.path().join("lens.toml");
     std::fs::write(&lens, truth.to_toml()).unwrap();
-    let (json, code) = run(&[
+    let (json, code, _) = run(&[
         "calib",
         "plane",
         &table,
@@ -126,13 +115,13 @@ fn the_machine_is_the_ruler_of_the_plane() {
     // The calibration just made holds, and one with a wrong scale does not.
     let tolerance = ["--tolerance-mm", "0.02"];
     let good = ["calib", "check", &table, "--calib", calib.to_str().unwrap()];
-    let (json, code) = run(&[&good[..], &tolerance].concat());
+    let (json, code, _) = run(&[&good[..], &tolerance].concat());
     assert_eq!((json["verdict"].as_str(), code), (Some("pass"), Some(0)), "{json:#}");
     let text = std::fs::read_to_string(&calib).unwrap();
     let fx: f64 = text.lines().find_map(|l| l.strip_prefix("fx_px = ")).unwrap().parse().unwrap();
     let wrong = text.replace(&format!("fx_px = {fx:?}"), &format!("fx_px = {:?}", fx * 0.98));
     std::fs::write(&calib, wrong).unwrap();
-    let (json, code) = run(&[&good[..], &tolerance].concat());
+    let (json, code, _) = run(&[&good[..], &tolerance].concat());
     assert_eq!((json["verdict"].as_str(), code), (Some("fail"), Some(1)), "{json:#}");
 }
 
@@ -157,7 +146,7 @@ fn wrong_signs_swapped_axes_and_wrong_rows_are_said() {
         }
         std::fs::write(&table, text).unwrap();
         let calib = folder.path().join("no.toml");
-        let (json, code) =
+        let (json, code, _) =
             run(&["calib", "plane", &table, "--write-calib", calib.to_str().unwrap()]);
         assert_eq!(json["orientation"], orientation, "{json:#}");
         assert!(json["warnings"].to_string().contains(words), "{json:#}");
@@ -166,7 +155,7 @@ fn wrong_signs_swapped_axes_and_wrong_rows_are_said() {
     }
     // One mistyped row is named and left out; too few positions are refused.
     std::fs::write(&table, right.replace("mark-3.png,113.1", "mark-3.png,113.6")).unwrap();
-    let (json, code) = run(&["calib", "plane", &table]);
+    let (json, code, _) = run(&["calib", "plane", &table]);
     assert_eq!(code, Some(0));
     assert!(json["warnings"].to_string().contains("mark-3.png: left out"), "{json:#}");
     let few: String = right.lines().take(5).map(|l| format!("{l}\n")).collect();
@@ -201,7 +190,7 @@ fn the_laser_lands_on_what_the_camera_saw() {
     let calib = folder.path().join("calib.toml");
     std::fs::write(&calib, truth.unwrap().to_toml()).unwrap();
     let calib = calib.to_str().unwrap();
-    let (json, code) = run(&[
+    let (json, code, _) = run(&[
         "calib",
         "laser",
         burns.to_str().unwrap(),
@@ -223,7 +212,7 @@ fn the_laser_lands_on_what_the_camera_saw() {
     let machine = mark + offset + Vector2::new(-0.7, 1.3);
     let picture = folder.path().join("target.png");
     photograph(&picture, seen_at(mark, machine), 0.7, 60);
-    let (json, _) =
+    let (json, _, _) =
         run(&["circles", picture.to_str().unwrap(), "--calib", calib, "--expect-mm", "1.4"]);
     let place = Vector2::new(
         number(&json, "/circles/0/center_mm/0"),
@@ -264,9 +253,9 @@ fn the_rod_is_found_where_the_laser_would_be_over_it() {
     std::fs::write(&captures, table).unwrap();
     let plain = source.join("rod-0001.csv");
     let plain_calib = source.join("calib.toml");
-    let (without, _) =
+    let (without, _, _) =
         run(&["rod", plain.to_str().unwrap(), "--calib", plain_calib.to_str().unwrap()]);
-    let (with, _) = run(&["rod", captures.to_str().unwrap(), "--calib", calib.to_str().unwrap()]);
+    let (with, ..) = run(&["rod", captures.to_str().unwrap(), "--calib", calib.to_str().unwrap()]);
     for k in 0..2 {
         let path = format!("/axis_center_mm/{k}");
         let away = number(&with, &path) - number(&without, &path);

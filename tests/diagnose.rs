@@ -34,7 +34,7 @@ fn plan(folder: &Path) {
     std::fs::write(folder.join("machine.toml"), MACHINE).unwrap();
 }
 
-fn simulate(effects: &str, folder: &Path) {
+fn simulate(effects: &str, more: &[&str], folder: &Path) {
     std::fs::write(folder.join("truth.toml"), format!("{MACHINE}{effects}")).unwrap();
     let arguments = [
         "simulate",
@@ -50,7 +50,7 @@ fn simulate(effects: &str, folder: &Path) {
         "--out",
         "data.csv",
     ];
-    let output = run(&arguments, folder);
+    let output = run(&[&arguments[..], more].concat(), folder);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
@@ -65,6 +65,7 @@ fn two_effects_are_named_and_the_corrected_model_is_consistent() {
     simulate(
         "[[effects]]\nname = \"b-backlash\"\nparameters = { width_deg = 0.0042 }\n\
          [[effects]]\nname = \"c-axis-tilt-x\"\nparameters = { tilt_deg = 0.006 }\n",
+        &[],
         folder,
     );
     let arguments = [&DIAGNOSE[..], &["--write-model", "found.toml", "--report", "page"]].concat();
@@ -91,7 +92,7 @@ fn two_effects_are_named_and_the_corrected_model_is_consistent() {
 fn nothing_hidden_is_consistent() {
     let folder = tempfile::tempdir().unwrap();
     plan(folder.path());
-    simulate("", folder.path());
+    simulate("", &[], folder.path());
     let report = json(&DIAGNOSE, folder.path());
     assert_eq!(report["verdict"], "consistent");
     assert_eq!(report["effects"].as_array().unwrap().len(), 0);
@@ -103,7 +104,7 @@ fn a_shape_outside_the_library_gets_no_name() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     plan(folder);
-    simulate("", folder);
+    simulate("", &[], folder);
     let text = std::fs::read_to_string(folder.join("data.csv")).unwrap();
     let mut lines = text.lines();
     let mut csv = format!("{}\n", lines.next().unwrap());
@@ -190,25 +191,7 @@ fn an_effect_of_the_users_own_is_named_written_and_read_back() {
     plan(folder);
     std::fs::write(folder.join("own.toml"), HOSE).unwrap();
     let truth = "[[effects]]\nname = \"hose-drag\"\nparameters = { pull_mm = 0.006 }\n";
-    std::fs::write(folder.join("truth.toml"), format!("{MACHINE}{truth}")).unwrap();
-    let simulate = [
-        "simulate",
-        "rtcp",
-        "--model",
-        "truth.toml",
-        "--data",
-        "plan.csv",
-        "--noise-mm",
-        "0.002",
-        "--effects",
-        "own.toml",
-        "--format",
-        "csv",
-        "--out",
-        "data.csv",
-    ];
-    let output = run(&simulate, folder);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    simulate(truth, &["--effects", "own.toml"], folder);
     let alone = json(&DIAGNOSE, folder);
     let known = |e: &Value| e["name"] == "hose-drag";
     assert!(!alone["effects"].as_array().unwrap().iter().any(known));
@@ -236,7 +219,7 @@ fn a_bad_effects_file_is_told_where() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     plan(folder);
-    simulate("", folder);
+    simulate("", &[], folder);
     for (from, to, words) in [
         ("tanh(b_deg / 20)", "tanh(b_deg / 20", "outputs.dy_mm"),
         (

@@ -1,18 +1,10 @@
 //! What the program promises of OpenCV: built in it calibrates lenses, without it it says how to get it.
 
-use assert_cmd::Command;
-use serde_json::Value;
+#[path = "common/json.rs"]
+mod json;
 
-fn run(args: &[&str]) -> (Value, Option<i32>, String) {
-    let out = Command::cargo_bin("pivotsight")
-        .unwrap()
-        .args(args)
-        .args(["--format", "json"])
-        .output()
-        .unwrap();
-    let json = serde_json::from_slice(&out.stdout).unwrap_or(Value::Null);
-    (json, out.status.code(), String::from_utf8_lossy(&out.stderr).into_owned())
-}
+use assert_cmd::Command;
+use json::run;
 
 #[test]
 fn the_version_lists_what_is_built_in() {

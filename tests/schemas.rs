@@ -2,22 +2,14 @@
 
 #![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
 
+#[path = "common/line.rs"]
+mod line;
+
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::process::{Command, Output};
 
+use line::run;
 use serde_json::{Value, json};
-
-/// Runs the program in `dir`; `{root}` in an argument is the project's folder.
-fn run(dir: &Path, line: &str) -> Output {
-    let root = env!("CARGO_MANIFEST_DIR");
-    Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"))
-        .current_dir(dir)
-        .env("PIVOTSIGHT_CONFIG", "none")
-        .args(line.split_whitespace().map(|word| word.replace("{root}", root)))
-        .output()
-        .unwrap()
-}
 
 fn prepare(dir: &Path, line: &str) {
     let output = run(dir, line);

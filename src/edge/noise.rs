@@ -105,13 +105,7 @@ impl Noise {
             .iter()
             .step_by(every)
             .map(|&s| {
-                let row = |b: &Bin| {
-                    let m = &matches[s];
-                    let sd = self.variance(b, template.node(b.distance - m.shift)).sqrt();
-                    let [a, g, d, e] = m.columns(b, template, edge_px);
-                    let r = m.residual(b, template, edge_px);
-                    (b.distance, [a / sd, g / sd, d / sd, e / sd, r / sd])
-                };
+                let row = |b: &Bin| (b.distance, matches[s].row(b, template, edge_px, self));
                 sectors[s].iter().map(row).collect()
             })
             .collect();

@@ -27,14 +27,20 @@ impl Match {
     }
 
     /// Slopes of the model in level, gain, shift and stretch.
-    pub(super) fn columns(&self, b: &Bin, template: &Template, edge_px: f64) -> [f64; 4] {
+    fn columns(&self, b: &Bin, template: &Template, edge_px: f64) -> [f64; 4] {
         let from_edge = b.distance - self.shift - edge_px;
         let (t, slope) = template.at(edge_px + (1.0 + self.stretch) * from_edge);
         [1.0, t, -self.gain * slope * (1.0 + self.stretch), self.gain * slope * from_edge]
     }
 
     /// Slopes and residual in standard deviations of the bin.
-    fn row(&self, b: &Bin, template: &Template, edge_px: f64, noise: &Noise) -> [f64; 5] {
+    pub(super) fn row(
+        &self,
+        b: &Bin,
+        template: &Template,
+        edge_px: f64,
+        noise: &Noise,
+    ) -> [f64; 5] {
         let weight = 1.0 / noise.variance(b, template.node(b.distance - self.shift)).sqrt();
         let [a, g, d, e] = self.columns(b, template, edge_px);
         [a, g, d, e, self.residual(b, template, edge_px)].map(|v| v * weight)
