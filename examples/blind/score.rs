@@ -1,6 +1,6 @@
 //! Scoring of answers against sealed truths.
 
-use pivotsight::diagnose::report::{Report, Verdict};
+use pivotsight::diagnose::report::{NamedEffect, Report, Verdict};
 use pivotsight::diagnose::run::{Options, diagnose};
 
 use crate::Case;
@@ -114,7 +114,12 @@ impl Tally {
                 || (sort.known == 0 && report.verdict != Verdict::Consistent)
         };
         if wrong {
-            let found: Vec<String> = classes.iter().map(|c| c.join("|")).collect();
+            let bent = |e: &NamedEffect| match e.form_corrected_over.join(",") {
+                over if over.is_empty() => String::new(),
+                over => format!(" bent over {over}"),
+            };
+            let found: Vec<String> =
+                classes.iter().zip(&report.effects).map(|(c, e)| c.join("|") + &bent(e)).collect();
             let unnamed: Vec<String> = report
                 .unnamed
                 .iter()

@@ -1,11 +1,12 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
 use crate::diagnose::fit::Fitter;
+use crate::diagnose::parts::without;
 use crate::diagnose::score::{Part, Who};
-use crate::diagnose::select::{Selection, without};
+use crate::diagnose::select::Selection;
 
-/// A rival must fit this much worse to be ruled out: half of Δχ² = 9.2, odds of 100 to 1, nats.
-const RULED_OUT: f64 = 4.6;
+/// A rival must be this much less likely to be ruled out: odds of 30 to 1, nats.
+const RULED_OUT: f64 = 3.4;
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]
@@ -34,7 +35,7 @@ pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                     continue;
                 };
                 let deficit = own.evidence - s.evidence;
-                if taken.contains(&a.effect) || deficit > RULED_OUT {
+                if taken.contains(&a.effect) || deficit > RULED_OUT || s.evidence <= 0.0 {
                     continue;
                 }
                 let rival =

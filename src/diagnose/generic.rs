@@ -35,6 +35,8 @@ pub struct Term {
 
 /// Highest harmonic tried in an angle.
 const HARMONICS: u32 = 8;
+/// Places of a step that are tried over the range of a variable.
+const PLACES: usize = 12;
 /// Highest polynomial degree tried.
 const DEGREES: u32 = 4;
 
@@ -101,6 +103,29 @@ impl Term {
             columns.push(along.clone());
         }
         DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
+    }
+
+    /// The same shape at places (and widths) between those of the dictionary.
+    pub fn around(&self, layout: &Layout) -> Vec<Self> {
+        let distinct = distinct(&layout.variables[self.variable].values);
+        let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
+        let shapes: Vec<Shape> = match self.shape {
+            Shape::Step(at) => {
+                let reach = distinct.len().div_ceil(PLACES);
+                let here = distinct.partition_point(|v| *v <= at);
+                (here.saturating_sub(reach).max(1)..(here + reach + 1).min(distinct.len()))
+                    .map(|i| Shape::Step(0.5 * (distinct[i - 1] + distinct[i])))
+                    .collect()
+            }
+            Shape::Bump(at, width) => {
+                let step = (high - low) / (4.0 * PLACES as f64);
+                let widths = [0.55, 0.75, 1.0, 1.35, 1.8].map(|f| f * width);
+                let places = (-2..=2).map(|k| at + f64::from(k) * step);
+                places.flat_map(|at| widths.map(|width| Shape::Bump(at, width))).collect()
+            }
+            _ => Vec::new(),
+        };
+        shapes.into_iter().map(|shape| Self { shape, ..*self }).collect()
     }
 
     /// Columns that make its size, of `all`; a constant that goes with the shape comes after them.
@@ -253,7 +278,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
     }
     if count >= 6 {
-        let spots = 12.min(count - 1);
+        let spots = PLACES.min(count - 1);
         for s in 0..spots {
             let i = ((s as f64 + 0.5) / spots as f64 * (count - 1) as f64) as usize;
             let i = i.min(count - 2);
@@ -311,6 +336,11 @@ impl Shape {
     /// Whether it is a function of no set form.
     pub fn is_free(self) -> bool {
         matches!(self, Self::Levels(_) | Self::Surface(_))
+    }
+
+    /// Whether it stands at a place that is searched for.
+    pub fn is_placed(self) -> bool {
+        matches!(self, Self::Step(_) | Self::Bump(..))
     }
 
     /// Numbers chosen from a grid besides the coefficients.

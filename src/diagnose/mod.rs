@@ -3,6 +3,7 @@
 pub mod classes;
 pub mod data;
 pub mod effects;
+mod exchange;
 pub mod experiment;
 pub mod fit;
 pub mod generic;
@@ -13,6 +14,8 @@ pub mod next;
 pub mod noise;
 pub mod own;
 pub mod page;
+mod pairs;
+pub mod parts;
 pub mod plan;
 pub mod report;
 pub mod run;

@@ -6,7 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::{Term, dictionary};
+use crate::diagnose::generic::{Shape, Term, dictionary};
 use crate::diagnose::noise::orthonormal;
 use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
 
@@ -32,6 +32,27 @@ pub struct Candidate {
     pub shape_parameters: usize,
     /// A function of no set form: its coefficients share one prior variance, itself found from the data.
     pub free: bool,
+    /// A step or bump: its last column, a constant, may not be needed.
+    pub placed: bool,
+    /// What being one of several costs: an effect of many forms, a shape of many variables and outputs, nats.
+    pub choice: f64,
+}
+
+/// What it costs to be one of several, nats.
+pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
+    match who {
+        Who::Effect(a) => {
+            let forms = &fitter.experiment.effects()[a.effect].forms;
+            let switches = forms[a.form].iter().filter(|p| p.is_switch()).count();
+            // Of two exact aliases the one in its plain form is named first.
+            (forms.len() as f64).ln() + 0.2 * switches as f64
+        }
+        Who::Extra(Extra::Generic(_)) => {
+            let layout = fitter.experiment.layout();
+            ((layout.directions.len() * layout.variables.len()) as f64).ln()
+        }
+        Who::Extra(Extra::Form { .. }) => 0.0,
+    }
 }
 
 /// Candidates with their columns, split but not yet whitened. Those that live in the capture-level rows alone come first.
@@ -58,6 +79,20 @@ impl Projected {
     /// Inner product of two columns after the projection.
     fn dot(&self, i: usize, j: usize) -> f64 {
         self.whole(i, j) - self.along.column(i).dot(&self.along.column(j))
+    }
+
+    /// Inner products of all columns after the projection, over their lengths before it; then those lengths.
+    fn gram(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let mut gram = self.top.tr_mul(&self.top);
+        let rest = self.rest.tr_mul(&self.rest);
+        let mut later = gram.view_mut((self.rest_from, self.rest_from), rest.shape());
+        later += rest;
+        let length = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 1.0 });
+        gram -= self.along.tr_mul(&self.along);
+        let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+            gram[(i, j)] / (length[i] * length[j])
+        });
+        (scaled, length)
     }
 
     /// Inner product of two columns before the projection.
@@ -116,8 +151,19 @@ impl Pool {
             if first >= rest_from {
                 rest.columns_mut(first - rest_from, n).copy_from(&split.rows(top_rows, rows));
             }
-            let free = matches!(&who, Who::Extra(Extra::Generic(t)) if t.shape.is_free());
-            candidates.push(Candidate { who, first, count: n, shape_parameters, free });
+            let shape = match &who {
+                Who::Extra(Extra::Generic(t)) => Some(t.shape),
+                _ => None,
+            };
+            candidates.push(Candidate {
+                choice: choice(fitter, &who),
+                who,
+                first,
+                count: n,
+                shape_parameters,
+                free: shape.is_some_and(Shape::is_free),
+                placed: shape.is_some_and(Shape::is_placed),
+            });
             first += n;
         }
         Self { candidates, top, rest, rest_from }
@@ -251,14 +297,20 @@ impl Standing {
         Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed }
     }
 
-    /// Scores every candidate of a pool.
-    pub fn scores(&self, fitter: &Fitter, fitted: &Fitted, pool: &Pool) -> Vec<Score> {
-        let x = pool.project(fitter, fitted, &self.basis);
+    /// Inner products of a pool's columns with the residual.
+    fn along(&self, x: &Projected) -> DVector<f64> {
         let top_rows = x.top.nrows();
         let mut along = x.top.tr_mul(&self.residual.rows(0, top_rows));
         let more = x.rest.tr_mul(&self.residual.rows(top_rows, x.rest.nrows()));
         let mut later = along.rows_mut(x.rest_from, more.len());
         later += more;
+        along
+    }
+
+    /// Scores every candidate of a pool.
+    pub fn scores(&self, fitter: &Fitter, fitted: &Fitted, pool: &Pool) -> Vec<Score> {
+        let x = pool.project(fitter, fitted, &self.basis);
+        let along = self.along(&x);
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
         let n = fitter.space.observations().max(1) as f64;
         (0..pool.candidates.len())
@@ -268,41 +320,66 @@ impl Standing {
                 if rank == 0 {
                     return None;
                 }
-                let ln_p = self.ln_p(fitter, &x, c, chi2, rank as f64);
+                let dof = self.dof_of(fitter, &x, c).max(rank as f64 + 1.0);
+                let ln_p = self.ln_p(dof, chi2, rank as f64);
                 let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
+                let gain2 = self.likelihood_gain2(dof, chi2);
                 let evidence = match c.free {
-                    true => gain_of_free(chi2, rank as f64, groups.ln()),
+                    true => gain_of_free(gain2, rank as f64, groups.ln()),
                     false => {
                         let price = 0.5 * (rank + c.shape_parameters) as f64 * groups.ln();
-                        0.5 * chi2 - price - self.second_reading(fitter, c)
+                        let whole = 0.5 * gain2 - price;
+                        let lean = if c.placed { lean_chi2(&x, &along, c) } else { 0.0 };
+                        let lean = 0.5 * self.likelihood_gain2(dof, lean) - price;
+                        whole.max(lean + 0.5 * groups.ln())
                     }
                 };
+                let evidence = evidence - c.choice;
                 Some(Score { candidate: index, chi2, rank, ln_p, evidence, rms_mm })
             })
             .collect()
     }
 
-    /// A little less evidence for the second reading of an effect (one with a switch), so that of two exact aliases the
-    /// one in its plain form is named first.
-    fn second_reading(&self, fitter: &Fitter, c: &Candidate) -> f64 {
-        match &c.who {
-            Who::Effect(a) => {
-                let form = &fitter.experiment.effects()[a.effect].forms[a.form];
-                0.2 * form.iter().filter(|p| p.is_switch()).count() as f64
-            }
-            Who::Extra(_) => 0.0,
-        }
+    /// Log evidence (nats) of pairs of candidates together.
+    pub fn pair_evidence(
+        &self,
+        fitter: &Fitter,
+        fitted: &Fitted,
+        pool: &Pool,
+        pairs: impl Iterator<Item = (usize, usize)>,
+    ) -> Vec<(f64, usize, usize)> {
+        let x = pool.project(fitter, fitted, &self.basis);
+        let along = self.along(&x);
+        let gram = x.gram();
+        let groups = fitter.experiment.layout().group_count().max(2) as f64;
+        let columns = |c: &Candidate| c.first..c.first + c.count;
+        pairs
+            .filter_map(|(i, j)| {
+                let (a, b) = (&pool.candidates[i], &pool.candidates[j]);
+                let both: Vec<usize> = columns(a).chain(columns(b)).collect();
+                let (chi2, rank) = gram_chi2(&gram, &along, &both);
+                let price = 0.5 * (rank + a.shape_parameters + b.shape_parameters) as f64;
+                let dof = self.dof_of(fitter, &x, a).min(self.dof_of(fitter, &x, b));
+                let dof = dof.max(rank as f64 + 1.0);
+                let gain = 0.5 * self.likelihood_gain2(dof, chi2) - price * groups.ln();
+                (rank > 0).then_some((gain - a.choice - b.choice, i, j))
+            })
+            .collect()
     }
 
-    /// ln p, with the noise's own uncertainty.
-    fn ln_p(&self, fitter: &Fitter, x: &Projected, c: &Candidate, chi2: f64, rank: f64) -> f64 {
+    /// Degrees of freedom of the noise that a candidate's columns are seen against.
+    fn dof_of(&self, fitter: &Fitter, x: &Projected, c: &Candidate) -> f64 {
         let mut inverse = 0.0;
         for k in c.first..c.first + c.count {
             let rest = k.checked_sub(x.rest_from).map(|r| x.rest.column(r));
             let shares = fitter.space.shares(x.top.column(k), rest);
             inverse += shares.iter().zip(&self.dof).map(|(s, d)| s * s / d.max(1.0)).sum::<f64>();
         }
-        let dof = (c.count as f64 / inverse.max(1e-9)).max(rank + 1.0);
+        c.count as f64 / inverse.max(1e-9)
+    }
+
+    /// ln p, with the noise's own uncertainty.
+    fn ln_p(&self, dof: f64, chi2: f64, rank: f64) -> f64 {
         // The noise was estimated with this effect in it: F from what is left without it.
         let all = dof + self.excess;
         let left = (all - chi2).max(0.02 * dof);
@@ -310,6 +387,14 @@ impl Standing {
         let ln_p = ln_f_tail(f, rank, dof - rank);
         // Given noise holds unless more than it is left: what else is wrong is noise to this candidate.
         if self.fixed { ln_p.max(ln_chi2_tail(chi2, rank)) } else { ln_p }
+    }
+
+    /// Twice the gain of log likelihood. χ² is in units of a noise that holds what the candidate explains, but for what
+    /// `without` put back: that much of the gain is of the noise's variance, n ln(n / (n - χ²)).
+    fn likelihood_gain2(&self, dof: f64, chi2: f64) -> f64 {
+        let inside = (chi2 - self.excess).clamp(0.0, 0.9 * dof);
+        let noise = if self.fixed { 0.0 } else { -dof * (1.0 - inside / dof).ln() - inside };
+        chi2 + noise
     }
 }
 
@@ -331,20 +416,50 @@ fn block_chi2(x: &Projected, along: &DVector<f64>, c: &Candidate) -> (f64, usize
         let seen = left > ALIAS * ALIAS * before && left > 0.0;
         return if seen { (along[c.first].powi(2) / left, 1) } else { (0.0, 0) };
     }
-    let scale: Vec<f64> = (c.first..c.first + c.count)
-        .map(|k| x.whole(k, k).sqrt())
-        .map(|b| if b > 0.0 { b } else { 1.0 })
-        .collect();
+    let at = |k: usize| c.first + k;
+    let length = DVector::from_fn(c.count, |i, _| match x.whole(at(i), at(i)).sqrt() {
+        v if v > 0.0 => v,
+        _ => 1.0,
+    });
     let mut gram = DMatrix::zeros(c.count, c.count);
     for i in 0..c.count {
         for j in 0..=i {
-            let value = x.dot(c.first + i, c.first + j) / (scale[i] * scale[j]);
+            let value = x.dot(at(i), at(j)) / (length[i] * length[j]);
             gram[(i, j)] = value;
             gram[(j, i)] = value;
         }
     }
-    let rhs = DVector::from_fn(c.count, |i, _| along[c.first + i] / scale[i]);
-    let eigen = gram.symmetric_eigen();
+    let along = along.rows(c.first, c.count).into_owned();
+    gram_chi2(&(gram, length), &along, &(0..c.count).collect::<Vec<_>>())
+}
+
+/// χ² of a step or bump that is zero to one side of its place: with one column in place of two.
+fn lean_chi2(x: &Projected, along: &DVector<f64>, c: &Candidate) -> f64 {
+    let (shape, constant) = (c.first, c.first + c.count - 1);
+    if c.count != 2 {
+        return 0.0;
+    }
+    let of = |w: f64| {
+        let rhs = along[shape] - w * along[constant];
+        let square = x.dot(shape, shape)
+            + w * (w * x.dot(constant, constant) - 2.0 * x.dot(shape, constant));
+        let whole = x.whole(shape, shape)
+            + w * (w * x.whole(constant, constant) - 2.0 * x.whole(shape, constant));
+        if square > ALIAS * ALIAS * whole && square > 0.0 { rhs * rhs / square } else { 0.0 }
+    };
+    of(0.0).max(of(1.0))
+}
+
+/// χ² explained by some columns together, from the Gram matrix of all, and the number of directions among them that survive
+/// the projection.
+fn gram_chi2(
+    (gram, length): &(DMatrix<f64>, DVector<f64>),
+    along: &DVector<f64>,
+    columns: &[usize],
+) -> (f64, usize) {
+    let own = DMatrix::from_fn(columns.len(), columns.len(), |i, j| gram[(columns[i], columns[j])]);
+    let rhs = DVector::from_fn(columns.len(), |i, _| along[columns[i]] / length[columns[i]]);
+    let eigen = own.symmetric_eigen();
     let (mut chi2, mut rank) = (0.0, 0);
     for (k, &value) in eigen.eigenvalues.iter().enumerate() {
         if value > ALIAS * ALIAS {
@@ -365,15 +480,7 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     let x = pool.project(fitter, fitted, &standing.basis);
     let total = x.along.ncols();
     // The scores depend on the columns only through their Gram matrix: its root is small.
-    let mut gram = DMatrix::zeros(total, total);
-    for i in 0..total {
-        for j in 0..=i {
-            let value = x.dot(i, j) / (x.whole(i, i) * x.whole(j, j)).sqrt().max(1e-300);
-            gram[(i, j)] = value;
-            gram[(j, i)] = value;
-        }
-    }
-    let eigen = gram.symmetric_eigen();
+    let eigen = x.gram().0.symmetric_eigen();
     let root = DMatrix::from_fn(total, total, |k, i| {
         eigen.eigenvalues[k].max(0.0).sqrt() * eigen.eigenvectors[(i, k)]
     });

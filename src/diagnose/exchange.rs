@@ -1,0 +1,159 @@
+//! Second thoughts of the selection: parts that others could stand in for, one by one and two by two.
+
+use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
+use crate::diagnose::pairs::best_pair;
+use crate::diagnose::parts::{add, parts, remove_all, without};
+use crate::diagnose::score::{Part, Standing, Who};
+use crate::diagnose::select::{LIBRARY_BONUS, Selection};
+
+/// What a second part must gain beyond its parameters to stand beside a single name, nats.
+const SECOND_NAME: f64 = 3.0;
+/// An exchange of like for like must gain this much, nats, so that aliases do not take turns.
+const LEAST_GAIN: f64 = 1.0;
+/// A pair that leaves this much more noise than what it replaced fits worse, whatever the linearised score said.
+const MORE_NOISE: f64 = 1.03;
+/// Names tried beneath a free function.
+const NAMES_UNCOVERED: usize = 3;
+/// Exchanges after each addition.
+const MOST_EXCHANGES: usize = 3;
+
+impl Selection {
+    /// Replaces parts by better ones while that helps: a part by a name or a shape, two parts by one name or by two
+    /// others, a shape without a name by two names.
+    pub(super) fn exchange(&mut self, fitter: &Fitter) {
+        for _ in 0..MOST_EXCHANGES {
+            let Some((_, model)) = self.better(fitter) else { return };
+            let next = fitter.fit(model, Some(&self.fitted.noise));
+            if next.noise.sigma_mm[0] > MORE_NOISE * self.fitted.noise.sigma_mm[0] {
+                return;
+            }
+            self.fitted = next;
+        }
+    }
+
+    /// The exchange that gains most, with its gain in nats.
+    fn better(&self, fitter: &Fitter) -> Option<(f64, Model)> {
+        let all = parts(&self.fitted.model);
+        let singles = all.iter().map(|p| vec![*p]);
+        let pairs =
+            all.iter().enumerate().flat_map(|(i, a)| all[i + 1..].iter().map(|b| vec![*a, *b]));
+        singles
+            .chain(pairs)
+            .filter_map(|gone| self.instead(fitter, &gone))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
+    /// The best that could stand in for one or two parts, if it is better.
+    fn instead(&self, fitter: &Fitter, gone: &[Part]) -> Option<(f64, Model)> {
+        let f = &self.fitted;
+        let (standing, own) = without(fitter, f, gone);
+        let own = own.map_or(0.0, |s| s.evidence);
+        let rest = remove_all(&f.model, gone);
+        let is_form = |p: &Part| matches!(p, Part::Extra(i) if matches!(f.model.extras[*i].kind, Extra::Form { .. }));
+        let single = gone.len() == 1;
+        let named = matches!(gone[0], Part::Effect(_));
+        // A generic shape competes at a handicap; two parts must beat one name clearly.
+        let own = match (single, named) {
+            (true, true) => own + LEAST_GAIN,
+            (true, false) => own - LIBRARY_BONUS + LEAST_GAIN,
+            (false, _) => own - SECOND_NAME,
+        };
+        let free = |effect: usize| !rest.active.iter().any(|a| a.effect == effect);
+        let mut found: Option<(f64, Model)> = None;
+        let mut consider = |gain: f64, names: &[&Who]| {
+            if gain > 0.0 && found.as_ref().is_none_or(|(g, _)| gain > *g) {
+                found =
+                    Some((gain, names.iter().fold(rest.clone(), |m, who| add(fitter, &m, who))));
+            }
+        };
+        for s in standing.scores(fitter, f, &self.library) {
+            let who = &self.library.candidates[s.candidate].who;
+            if matches!(who, Who::Effect(a) if free(a.effect)) {
+                consider(s.evidence - own, &[who]);
+            }
+        }
+        if single && let Some((who, s)) = self.best_generic(fitter, &standing, f) {
+            consider(s.evidence - LIBRARY_BONUS - own, &[&who]);
+        }
+        let splits = single && !named && !is_form(&gone[0]);
+        if splits || (!single && !gone.iter().any(is_form)) {
+            let own = if splits { own - LEAST_GAIN } else { own + LEAST_GAIN };
+            if let Some((evidence, [a, b])) = best_pair(fitter, f, &standing, &self.library, &free)
+            {
+                consider(evidence - SECOND_NAME - own, &[&a, &b]);
+            }
+        }
+        found
+    }
+
+    /// A free function or surface may hide a name: replaces it by a name and another shape where those explain more.
+    pub(super) fn uncover(&mut self, fitter: &Fitter) {
+        let f = &self.fitted;
+        let is_free = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_free());
+        let Some(at) = f.model.extras.iter().position(is_free) else { return };
+        let (standing, own) = without(fitter, f, &[Part::Extra(at)]);
+        let own = own.map_or(0.0, |s| s.evidence) + SECOND_NAME;
+        let rest = remove_all(&f.model, &[Part::Extra(at)]);
+        let mut names = standing.scores(fitter, f, &self.library);
+        names.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let mut tried: Vec<usize> = rest.active.iter().map(|a| a.effect).collect();
+        let mut found: Option<(f64, Fitted)> = None;
+        for name in names {
+            let who = &self.library.candidates[name.candidate].who;
+            let Who::Effect(a) = who else { continue };
+            if tried.contains(&a.effect) {
+                continue;
+            }
+            if tried.len() >= rest.active.len() + NAMES_UNCOVERED {
+                break;
+            }
+            tried.push(a.effect);
+            let named = fitter.fit(add(fitter, &rest, who), Some(&f.noise));
+            let standing = Standing::new(fitter, &named, &[]);
+            let Some((shape, _)) = self.best_generic(fitter, &standing, &named) else { continue };
+            let both = fitter.fit(add(fitter, &named.model, &shape), Some(&f.noise));
+            let pair = [
+                Part::Effect(both.model.active.len() - 1),
+                Part::Extra(both.model.extras.len() - 1),
+            ];
+            // Both are judged with the noise of the one, or a poorer fit would look better.
+            let ratio = (both.noise.sigma_mm[0] / f.noise.sigma_mm[0]).powi(2);
+            let gain =
+                without(fitter, &both, &pair).1.map_or(f64::MIN, |s| s.evidence * ratio) - own;
+            if ratio < MORE_NOISE.powi(2)
+                && gain > 0.0
+                && found.as_ref().is_none_or(|(g, _)| gain > *g)
+            {
+                found = Some((gain, both));
+            }
+        }
+        if let Some((_, both)) = found {
+            self.fitted = both;
+        }
+    }
+
+    /// Removes parts that later additions have made needless.
+    pub(super) fn drop_weak(&mut self, fitter: &Fitter) {
+        for _ in 0..4 {
+            let f = &self.fitted;
+            let weakest = parts(&f.model)
+                .into_iter()
+                .filter_map(|p| {
+                    let ln_p = without(fitter, f, &[p]).1.map_or(0.0, |s| s.ln_p);
+                    let tests = match p {
+                        Part::Effect(_) => self.library_tests,
+                        Part::Extra(i) => match f.model.extras[i].kind {
+                            Extra::Generic(_) => self.generic_tests,
+                            Extra::Form { .. } => 1.0,
+                        },
+                    };
+                    let weak = ln_p + tests.ln() > 0.02_f64.ln();
+                    weak.then_some((ln_p, p))
+                })
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((_, part)) = weakest else { return };
+            let model = remove_all(&f.model, &[part]);
+            self.fitted = fitter.fit(model, Some(&f.noise));
+        }
+    }
+}
