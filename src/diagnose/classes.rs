@@ -1,8 +1,8 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
 use crate::diagnose::fit::Fitter;
-use crate::diagnose::parts::without;
-use crate::diagnose::score::{Part, Who};
+use crate::diagnose::parts::{Part, without};
+use crate::diagnose::pool::Who;
 use crate::diagnose::select::Selection;
 
 /// A rival must be this much less likely to be ruled out: odds of 30 to 1, nats.

@@ -2,8 +2,9 @@
 
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pair;
-use crate::diagnose::parts::{add, parts, remove_all, without};
-use crate::diagnose::score::{Part, Standing, Who};
+use crate::diagnose::parts::{Part, add, parts, remove_all, without};
+use crate::diagnose::pool::Who;
+use crate::diagnose::score::Standing;
 use crate::diagnose::select::{LIBRARY_BONUS, Selection};
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.

@@ -17,6 +17,7 @@ pub mod page;
 mod pairs;
 pub mod parts;
 pub mod plan;
+pub mod pool;
 pub mod report;
 pub mod run;
 pub mod score;

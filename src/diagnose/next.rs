@@ -6,9 +6,9 @@ use crate::diagnose::classes::{Rival, rivals};
 use crate::diagnose::experiment::PlannedCapture;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::noise::Space;
-use crate::diagnose::parts::remove;
+use crate::diagnose::parts::{Part, remove};
+use crate::diagnose::pool::Who;
 use crate::diagnose::report::NextMeasurement;
-use crate::diagnose::score::{Part, Who};
 use crate::diagnose::select::Selection;
 
 /// Most captures of one and the same place.

@@ -317,16 +317,15 @@ impl Space {
         change
     }
 
-    /// How much of a whitened column lies in each random component, then in the complement of each class.
-    pub fn shares(&self, top: DVectorView<f64>, rest: Option<DVectorView<f64>>) -> Vec<f64> {
+    /// How much of a whitened column lies in each random component, then in the complement of each class, whose squares are
+    /// given (none for a column without a complement).
+    pub fn shares(&self, top: DVectorView<f64>, rest: &[f64]) -> Vec<f64> {
         let (d, components) = (self.random_count(), self.component_count());
         let mut shares = vec![0.0; components + self.class_count()];
         for (i, v) in top.iter().enumerate() {
             shares[self.components[i % d]] += v * v;
         }
-        for (v, class) in rest.iter().flat_map(|r| r.iter()).zip(&self.classes) {
-            shares[components + class] += v * v;
-        }
+        shares[components..].iter_mut().zip(rest).for_each(|(share, square)| *share = *square);
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
         shares.iter().map(|s| s / total).collect()
     }

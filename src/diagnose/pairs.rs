@@ -1,7 +1,8 @@
 //! Two library effects at once: a pair may explain what no single effect shows.
 
 use crate::diagnose::fit::{Fitted, Fitter};
-use crate::diagnose::score::{Pool, Standing, Who};
+use crate::diagnose::pool::{Pool, Who};
+use crate::diagnose::score::Standing;
 
 /// The pair of different library effects with the most evidence together, every effect that `allowed` admits in each of its
 /// forms: log evidence (nats) and the two candidates.

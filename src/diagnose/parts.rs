@@ -4,7 +4,32 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
-use crate::diagnose::score::{Part, Pool, Score, Standing, Who, choice, contribution};
+use crate::diagnose::pool::{Pool, Who, choice};
+use crate::diagnose::score::{Score, Standing};
+
+/// A removable part of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Part {
+    /// A named effect by its place in the model.
+    Effect(usize),
+    /// An extra term by its place in the model.
+    Extra(usize),
+}
+
+/// What an effect or term adds to the prediction, mm.
+pub fn contribution(fitter: &Fitter, model: &Model, part: Part) -> Vec<f64> {
+    let mut without = model.clone();
+    match part {
+        Part::Effect(i) => {
+            without.active.remove(i);
+        }
+        Part::Extra(i) => {
+            without.extras.remove(i);
+        }
+    }
+    let with = fitter.predict(model);
+    with.iter().zip(fitter.predict(&without)).map(|(a, b)| a - b).collect()
+}
 
 /// All removable parts.
 pub fn parts(model: &Model) -> Vec<Part> {

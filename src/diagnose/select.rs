@@ -5,8 +5,9 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::legendre;
-use crate::diagnose::parts::{add, part_chi2, with_extra};
-use crate::diagnose::score::{Part, Pool, Score, Standing, Who, contribution, effective_tests};
+use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
+use crate::diagnose::pool::{Pool, Who};
+use crate::diagnose::score::{Score, Standing, effective_tests};
 
 /// Chance of any false name where nothing is hidden.
 const ALPHA_LIBRARY: f64 = 0.006;

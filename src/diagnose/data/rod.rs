@@ -105,27 +105,26 @@ impl Rod {
     fn predicted(&self, i: usize, centre: Vector2<f64>, radius: f64, e: &CaptureError) -> f64 {
         let g = self.capture[i];
         let c = self.c_rad.get(g).copied().unwrap_or(0.0);
-        let seen = self.points[i] - self.pole;
-        let wanted = seen.y.atan2(seen.x);
-        let (mut angle, mut found) = (wanted, radius);
+        let wanted = (self.points[i] - self.pole).normalize();
+        let (mut n, mut found) = (wanted, radius);
         // The point of the real edge that is seen in this direction: each round leaves a thousandth of the error.
         for _ in 0..3 {
-            let n = Vector2::new(angle.cos(), angle.sin());
-            let lobes: f64 = e
-                .lobes
-                .iter()
-                .map(|(k, a, b)| {
+            let lobes: f64 = if e.lobes.is_empty() {
+                0.0
+            } else {
+                let angle = n.y.atan2(n.x);
+                let lobe = |(k, a, b): &(f64, f64, f64)| {
                     let (s, co) = (k * (angle - c)).sin_cos();
                     a * co + b * s
-                })
-                .sum();
+                };
+                e.lobes.iter().map(lobe).sum()
+            };
             let edge = centre + e.centre + n * (radius + e.radius + lobes);
             let w = edge - self.place[g] - e.place;
             let at = edge - e.place + self.camera_shift(&e.camera, w, n) - self.pole;
             found = at.norm();
-            let miss = at.y.atan2(at.x) - wanted;
-            angle -= (miss + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
-                - std::f64::consts::PI;
+            let miss = wanted.perp(&at) / found;
+            n = Vector2::new(n.x + miss * n.y, n.y - miss * n.x).normalize();
         }
         found
     }
