@@ -393,7 +393,7 @@ fn circle(canvas: &mut Canvas, dice: &mut Dice, burn: Option<&Burn>) {
     let radius = dice.between(15.0, 110.0);
     let Some(center) = place(dice, radius, burn) else { return };
     let (level, soft) = (dice.between(0.0, 0.95), dice.between(0.4, 1.5));
-    let hollow = radius * if dice.chance(0.5) { 0.0 } else { dice.between(0.4, 0.95) };
+    let hollow = radius * if dice.chance(0.5) { 0.0 } else { dice.between(0.5, 0.95) };
     canvas.paint_near(center, radius + 20.0, |p, old| {
         let r = (p - center).norm();
         let hole = if hollow > 0.0 { inside(r - hollow, soft) } else { 0.0 };
