@@ -141,19 +141,18 @@ pub fn measure_frames(
     let (mut arcs, mut fitted) = follow(captures, frames, &starts, &angle_of, rim)?;
     let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
     for _ in 0..2 {
-        let Some((shift, radius, inner_mm)) = outer::rim(captures, &angle_of, frames, &fitted)
-        else {
-            break;
-        };
-        let moved = shift.norm().max((radius - fitted.radius).abs());
+        let Some(found) = outer::rim(captures, &angle_of, frames, &fitted) else { break };
+        let shift = found.shift_mm;
+        let moved = shift.norm().max((found.radius_mm - fitted.radius).abs());
         if moved < 0.03 || (nominal && shift.norm() < 0.03) {
             break;
         }
         let starts: Vec<Vector2<f64>> = fitted.centers.iter().map(|c| c + shift).collect();
-        let rim = Rim { circle: Circle { center: starts[0], radius }, inner_mm, outer_mm: None };
+        let circle = Circle { center: starts[0], radius: found.radius_mm };
+        let rim = Rim { circle, inner_mm: found.inner_mm, outer_mm: None };
         match follow(captures, frames, &starts, &angle_of, rim) {
-            Ok(better) => (arcs, fitted) = better,
-            Err(_) => break,
+            Ok(other) if other.1.rivals(&other.0, &fitted, &arcs) => (arcs, fitted) = other,
+            _ => break,
         }
     }
     finish(captures, frames, options, &c_deg, &arcs, &fitted)
