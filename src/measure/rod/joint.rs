@@ -34,29 +34,6 @@ pub(super) struct Joint {
     pub weights: Vec<Vec<f64>>,
 }
 
-impl Joint {
-    /// Whether this circle through its arcs is as good as another through its own: it lies on most of its points,
-    /// and close, or closer than the other.
-    pub fn rivals(&self, arcs: &[Arc], other: &Self, others: &[Arc]) -> bool {
-        let (used, rms_mm) = self.agreement(arcs);
-        let (their_used, their_rms_mm) = other.agreement(others);
-        used > 0.7 * their_used && (rms_mm < super::RAGGED_MM || rms_mm < their_rms_mm)
-    }
-
-    /// Share of the points that lie on the circle, and their rms distance from it.
-    fn agreement(&self, arcs: &[Arc]) -> (f64, f64) {
-        let (mut all, mut used, mut squares) = (0usize, 0usize, 0.0);
-        for (arc, weights) in arcs.iter().zip(&self.weights) {
-            all += weights.len();
-            for (i, _) in weights.iter().enumerate().filter(|(_, w)| **w > 0.0) {
-                used += 1;
-                squares += distance(arc, i, &self.centers, self.radius).powi(2);
-            }
-        }
-        (used as f64 / all.max(1) as f64, (squares / used.max(1) as f64).sqrt())
-    }
-}
-
 /// Robust joint fit by iterated reweighting: all arcs share the radius, arcs of one angle share the centre.
 pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint> {
     let mut centers = start.centers.clone();

@@ -12,13 +12,14 @@ use crate::edge::{Band, Contour, Profiles, scan_frame};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
-use crate::measure::rod::joint::Joint;
 
 /// How far outside and inside edges are looked for: wider than any chamfer.
 const OUTSIDE_MM: f64 = 1.2;
 const INSIDE_MM: f64 = 0.8;
-/// How far the centre may be off.
-const SHIFT_MM: f64 = 0.5;
+/// How far the centre may be off at first.
+const SHIFT_MM: f64 = 0.8;
+/// How far the rod may sit from the axis, and the centre be off at the second look.
+const ECCENTRIC_MM: f64 = 0.2;
 /// Width of a bin of distance.
 const BIN_PX: f64 = 2.0;
 /// Sectors along each arc.
@@ -31,43 +32,56 @@ const LOUDEST: f32 = 3.0;
 const BELIEVED: f32 = 6.0;
 /// Centres that are looked at closely.
 const CLOSER: usize = 12;
+/// Captures that see a circle, as a share of all.
+const LEAST: f32 = 0.4;
 /// Share of the best circle's support that an outer one needs.
 const SUPPORTED: f32 = 0.65;
 
-/// The rod's circle as it was found, against the one that was looked about.
+/// The rod's circle as it was found.
 pub(super) struct Found {
-    /// Shift of all centres.
-    pub shift_mm: Vector2<f64>,
+    /// Its centre at each table angle, machine coordinates.
+    pub centers: Vec<Vector2<f64>>,
     /// Its radius.
     pub radius_mm: f64,
     /// Radius of the next edge inside.
     pub inner_mm: Option<f64>,
 }
 
-/// The rod's circle near the one that was found. `None` where the captures agree on none.
+/// The rod's circle near `rough`, where `nominal_mm` may say which of its edges is meant: about one centre first, then
+/// for each table angle its own, for the rod may be eccentric. `None` where the captures agree on no circle.
 pub(super) fn rim(
     captures: &[Capture],
     angle_of: &[usize],
     frames: &[(Frame, View)],
-    fitted: &Joint,
+    rough: Circle,
+    nominal_mm: Option<f64>,
 ) -> Option<Found> {
     let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
     let bin_mm = BIN_PX * pixel_mm;
-    let sights: Vec<Sight> = captures
-        .iter()
-        .zip(angle_of)
-        .zip(frames)
-        .filter_map(|((c, &a), (frame, view))| {
-            let about = Circle { center: fitted.centers[a] - c.position_mm, radius: fitted.radius };
-            Sight::new(frame, view, about, pixel_mm)
+    let look = |about: Circle| -> Vec<Sight> {
+        let each = captures.iter().zip(angle_of).zip(frames);
+        each.filter_map(|((c, &angle), (frame, view))| {
+            Sight::new(
+                frame,
+                view,
+                Circle { center: about.center - c.position_mm, ..about },
+                pixel_mm,
+                angle,
+            )
         })
-        .collect();
+        .collect()
+    };
+    // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
+    let far = look(rough);
+    let shift = Search { bin_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
+    let about = Circle { center: rough.center + shift, ..rough };
+    let sights = look(about);
     let inside_mm = sights.first()?.inside_mm;
-    let search = Search { bins: sights[0].bins, bin_mm, sights: &sights };
-    let shift_mm = search.center()?;
-    let support = search.support(shift_mm, true);
+    let all = Search { bin_mm, sights: sights.iter().collect() };
+    let shift = all.center(ECCENTRIC_MM)?;
+    let support = all.support(shift, true);
     let most = support.iter().copied().fold(0.0, f32::max);
-    if most < 0.4 * sights.len() as f32 {
+    if most < LEAST * sights.len() as f32 {
         return None;
     }
     let peaks: Vec<usize> = (1..support.len() - 1)
@@ -77,66 +91,96 @@ pub(super) fn rim(
                 && support[b] > support[b + 1]
         })
         .collect();
-    let radius_mm = |b: usize| fitted.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
-    let outer = *peaks.last()?;
-    let inner = peaks.iter().rev().find(|&&b| b + 10 < outer);
-    Some(Found { shift_mm, radius_mm: radius_mm(outer), inner_mm: inner.map(|&b| radius_mm(b)) })
+    let radius_mm = |b: usize| about.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
+    let named = nominal_mm.and_then(|d| {
+        let gap = |b: usize| (radius_mm(b) - 0.5 * d).abs();
+        let nearest = peaks.iter().copied().min_by(|&a, &b| gap(a).total_cmp(&gap(b)))?;
+        (gap(nearest) < 0.005 * d).then_some(nearest)
+    });
+    let outer = named.or(peaks.last().copied())?;
+    let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
+    let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
+    let angles = angle_of.iter().max()? + 1;
+    let centers = (0..angles).map(|a| {
+        let own = sights.iter().filter(|s| s.angle == a).collect();
+        let search = Search { bin_mm, sights: own };
+        let shift = if angles > 1 { search.recentre(shift, &edges) } else { shift };
+        about.center + shift
+    });
+    Some(Found {
+        centers: centers.collect(),
+        radius_mm: radius_mm(outer),
+        inner_mm: inner.map(radius_mm),
+    })
 }
 
 /// The captures together.
 struct Search<'a> {
-    bins: usize,
     bin_mm: f64,
-    sights: &'a [Sight],
+    sights: Vec<&'a Sight>,
 }
 
 impl Search<'_> {
-    /// The shift under which the captures agree best on a circle.
-    fn center(&self) -> Option<Vector2<f64>> {
+    /// The shift, up to `most_mm`, under which the captures agree best on a circle.
+    fn center(&self, most_mm: f64) -> Option<Vector2<f64>> {
         let value = |shift: Vector2<f64>, fine: bool| {
             self.support(shift, fine).into_iter().fold(0.0, f32::max)
         };
         let coarse_mm = 4.0 * self.bin_mm;
-        let span = (SHIFT_MM / coarse_mm).ceil() as i32;
-        let mut starts: Vec<(f32, Vector2<f64>)> = Vec::new();
-        for i in -span..=span {
-            for j in -span..=span {
-                let shift = coarse_mm * Vector2::new(f64::from(i), f64::from(j));
-                if shift.norm() <= SHIFT_MM {
-                    starts.push((value(shift, false), shift));
+        let mut starts: Vec<(f32, Vector2<f64>)> =
+            disc(most_mm, coarse_mm).map(|shift| (value(shift, false), shift)).collect();
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        starts.truncate(CLOSER);
+        let refined =
+            starts.into_iter().map(|(_, start)| self.climb(start, |shift| value(shift, true)));
+        refined.max_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1)
+    }
+
+    /// The shift near `start` under which the captures agree best on circles in these bins.
+    fn recentre(&self, start: Vector2<f64>, bins: &[usize]) -> Vector2<f64> {
+        let value = |shift: Vector2<f64>, fine: bool| -> f32 {
+            let support = self.support(shift, fine);
+            bins.iter().map(|&b| support[b - 1].max(support[b]).max(support[b + 1])).sum()
+        };
+        let rough = disc(ECCENTRIC_MM, 4.0 * self.bin_mm)
+            .map(|shift| (value(start + shift, false), start + shift))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(start, |best| best.1);
+        self.climb(rough, |shift| value(shift, true)).1
+    }
+
+    /// The best value and its shift that small steps from `start` lead to.
+    fn climb(
+        &self,
+        start: Vector2<f64>,
+        value: impl Fn(Vector2<f64>) -> f32,
+    ) -> (f32, Vector2<f64>) {
+        let mut best = (value(start), start);
+        for step in [2.0, 1.0, 0.5] {
+            for _ in 0..6 {
+                let before = best.0;
+                for i in 0..8 {
+                    let (s, c) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
+                    let p = best.1 + step * self.bin_mm * Vector2::new(c, s);
+                    let v = value(p);
+                    if v > best.0 {
+                        best = (v, p);
+                    }
+                }
+                if best.0 <= before {
+                    break;
                 }
             }
         }
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        starts.truncate(CLOSER);
-        let refined = starts.into_iter().map(|(_, start)| {
-            let mut best = (value(start, true), start);
-            for step in [2.0, 1.0, 0.5] {
-                for _ in 0..6 {
-                    let before = best.0;
-                    for i in 0..8 {
-                        let (s, c) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
-                        let p = best.1 + step * self.bin_mm * Vector2::new(c, s);
-                        let v = value(p, true);
-                        if v > best.0 {
-                            best = (v, p);
-                        }
-                    }
-                    if best.0 <= before {
-                        break;
-                    }
-                }
-            }
-            best
-        });
-        refined.max_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1)
+        best
     }
 
     /// How many captures support a circle about the shifted centre, for every radius.
     fn support(&self, shift: Vector2<f64>, fine: bool) -> Vec<f32> {
-        let mut sum = vec![0.0f32; self.bins];
-        let mut own = vec![0.0f32; self.bins];
-        for sight in self.sights {
+        let bins = self.sights.first().map_or(0, |s| s.bins);
+        let mut sum = vec![0.0f32; bins];
+        let mut own = vec![0.0f32; bins];
+        for sight in &self.sights {
             sight.evidence(shift, fine, self.bin_mm, &mut own);
             for (s, z) in sum.iter_mut().zip(&own) {
                 *s += z.abs() / (z.abs() + BELIEVED);
@@ -148,6 +192,8 @@ impl Search<'_> {
 
 /// The steps of brightness of one capture.
 struct Sight {
+    /// Index of the capture's table angle.
+    angle: usize,
     inside_mm: f64,
     bins: usize,
     /// Direction of each sector from the centre.
@@ -158,7 +204,7 @@ struct Sight {
 }
 
 impl Sight {
-    fn new(frame: &Frame, view: &View, about: Circle, pixel_mm: f64) -> Option<Self> {
+    fn new(frame: &Frame, view: &View, about: Circle, pixel_mm: f64, angle: usize) -> Option<Self> {
         let contour = Contour::of_circle(view, about.center, about.radius)?;
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
         let band =
@@ -171,9 +217,10 @@ impl Sight {
             .collect();
         let sharp = steps(&profiles);
         let bins = profiles.bins;
-        let smeared = sharp.chunks(bins).flat_map(|row| smear(row)).collect();
+        let smeared = sharp.chunks(bins).flat_map(smear).collect();
         let inside_mm = inside_px * pixel_mm;
         (sharp.iter().any(|s| *s != 0.0)).then_some(Self {
+            angle,
             inside_mm,
             bins,
             toward,
@@ -197,6 +244,15 @@ impl Sight {
         let scale = 1.0 / (self.toward.len() as f32).sqrt();
         out.iter_mut().for_each(|o| *o *= scale);
     }
+}
+
+/// Shifts on a grid, up to `most_mm`.
+fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
+    let span = (most_mm / step_mm).ceil() as i32;
+    (-span..=span)
+        .flat_map(move |i| (-span..=span).map(move |j| (i, j)))
+        .map(move |(i, j)| step_mm * Vector2::new(f64::from(i), f64::from(j)))
+        .filter(move |shift| shift.norm() <= most_mm)
 }
 
 /// Step across every bin of every sector, in standard deviations of the steps of this capture.
