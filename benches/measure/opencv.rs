@@ -2,28 +2,27 @@
 
 use nalgebra::Vector2;
 use pivotsight::camera::View;
-use pivotsight::cv::{self, Ellipse};
+use pivotsight::cv;
 use pivotsight::fit::Circle;
 use pivotsight::frame::{Channel, Gray, Picture};
 
 use crate::work::Burn;
 
-/// Blur before edges are looked for: about that of the optics.
-const BLUR_PX: f64 = 3.0;
+/// Blur before edges are looked for, less than the edges' own.
+const BLUR_PX: f64 = 4.0;
+/// Canny's upper threshold as a part of Otsu's, and in counts: soft edges are not steep.
+const SHARE: f64 = 0.15;
+const EDGE: f64 = 20.0;
 
-/// Error of the offset by Canny's edges, contours, and the ellipse through each circle's longest one.
+/// Error of the offset by Canny's edges, contours, and an ellipse through those near each circle: soft edges make no
+/// whole contours, so it is told where to look, to 10 %.
 pub fn contours(burn: &Burn, picture: &Picture) -> Option<f64> {
     let (gray, view) = frame(burn, picture)?;
-    let contours = cv::contours(&gray, BLUR_PX, 0.5).ok()?;
-    let ellipses: Vec<(usize, Ellipse)> =
-        contours.iter().filter_map(|c| Some((c.len(), cv::fit_ellipse(c).ok()??))).collect();
+    let contours = cv::contours(&gray, BLUR_PX, SHARE).ok()?;
     error(burn, &view, |place, radius| {
-        let near = ellipses.iter().filter(|(n, e)| {
-            *n as f64 > 3.0 * radius
-                && (e.center - place).norm() < 0.2 * radius
-                && (e.radius() / radius - 1.0).abs() < 0.1
-        });
-        near.max_by_key(|(n, _)| *n).map(|(_, e)| e.center)
+        let near = |p: &Vector2<f64>| ((p - place).norm() / radius - 1.0).abs() < 0.1;
+        let points: Vec<Vector2<f64>> = contours.iter().flatten().copied().filter(near).collect();
+        cv::fit_ellipse(&points).ok()?.map(|e| e.center)
     })
 }
 
@@ -31,7 +30,7 @@ pub fn contours(burn: &Burn, picture: &Picture) -> Option<f64> {
 pub fn hough(burn: &Burn, picture: &Picture) -> Option<f64> {
     let (gray, view) = frame(burn, picture)?;
     error(burn, &view, |_, radius| {
-        let found = cv::hough_circles(&gray, BLUR_PX, [0.9 * radius, 1.1 * radius]).ok()?;
+        let found = cv::hough_circles(&gray, BLUR_PX, EDGE, [0.9 * radius, 1.1 * radius]).ok()?;
         found.first().map(|e| e.center)
     })
 }

@@ -43,7 +43,7 @@ pub fn fit_ellipse(_: &[Vector2<f64>]) -> Result<Option<Ellipse>> {
 }
 
 /// Needs OpenCV.
-pub fn hough_circles(_: &Gray<u8>, _: f64, _: [f64; 2]) -> Result<Vec<Ellipse>> {
+pub fn hough_circles(_: &Gray<u8>, _: f64, _: f64, _: [f64; 2]) -> Result<Vec<Ellipse>> {
     Err(missing("the comparison"))
 }
 

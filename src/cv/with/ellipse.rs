@@ -36,17 +36,27 @@ fn find(gray: &Gray<u8>, blur_px: f64, share: f64) -> opencv::Result<Vec<Vec<Vec
 }
 
 /// Circles of radii between two limits by `HoughCircles` (gradient method) after a Gaussian blur, strongest first: what
-/// measurements are compared with, not what they rest on.
-pub fn hough_circles(gray: &Gray<u8>, blur_px: f64, radii: [f64; 2]) -> Result<Vec<Ellipse>> {
-    hough(gray, blur_px, radii).map_err(failed)
+/// measurements are compared with, not what they rest on. `edge` is Canny's upper threshold.
+pub fn hough_circles(
+    gray: &Gray<u8>,
+    blur_px: f64,
+    edge: f64,
+    radii: [f64; 2],
+) -> Result<Vec<Ellipse>> {
+    hough(gray, blur_px, edge, radii).map_err(failed)
 }
 
-fn hough(gray: &Gray<u8>, blur_px: f64, [least, most]: [f64; 2]) -> opencv::Result<Vec<Ellipse>> {
+fn hough(
+    gray: &Gray<u8>,
+    blur_px: f64,
+    edge: f64,
+    [least, most]: [f64; 2],
+) -> opencv::Result<Vec<Ellipse>> {
     let image = mat(gray).map_err(|e| opencv::Error::new(0, e.to_string()))?;
     let (mut smooth, mut circles) = (Mat::default(), Vector::<Vec3f>::new());
     imgproc::gaussian_blur_def(&image, &mut smooth, Size::new(0, 0), blur_px)?;
-    // Canny's upper threshold and the accumulator's, as in OpenCV's own tutorial.
-    let (canny, votes) = (100.0, 30.0);
+    // The accumulator's threshold of OpenCV's own tutorial.
+    let votes = 30.0;
     let (least_px, most_px) = (least as i32, most.ceil() as i32);
     imgproc::hough_circles(
         &smooth,
@@ -54,7 +64,7 @@ fn hough(gray: &Gray<u8>, blur_px: f64, [least, most]: [f64; 2]) -> opencv::Resu
         imgproc::HOUGH_GRADIENT,
         1.0,
         least,
-        canny,
+        edge,
         votes,
         least_px,
         most_px,
