@@ -1,19 +1,28 @@
 //! Accuracy tables: errors against known truth, against the physical limit, and against the stated intervals.
 //!
-//! `cargo run --release --example accuracy -- discs [RUNS] | burns [CASES] [SEED] | rods [CASES] [SEED]`
+//! `cargo run --release --example accuracy -- ` and one of [`USAGE`].
 
+mod coverage;
 mod discs;
-mod rendered;
+mod hostile;
+mod paint;
+mod plate;
+mod stats;
+
+const USAGE: &str = "discs [RUNS]
+coverage burns|circles|rods [CASES] [SEED]
+hostile [CASES] [SEED]
+picture SORT SEED FILE    (writes one of the hostile pictures)";
 
 fn main() {
-    let mut words = std::env::args().skip(1);
-    let what = words.next().unwrap_or_default();
-    let mut number =
-        |otherwise: u64| words.next().and_then(|w| w.parse().ok()).unwrap_or(otherwise);
-    match what.as_str() {
-        "discs" => discs::table(number(100)),
-        "burns" => rendered::burns(number(50), number(1)),
-        "rods" => rendered::rods(number(10), number(1)),
-        _ => println!("accuracy discs [RUNS] | burns [CASES] [SEED] | rods [CASES] [SEED]"),
+    let words: Vec<String> = std::env::args().skip(1).collect();
+    let word = |i: usize| words.get(i).map_or("", String::as_str);
+    let number = |i: usize, otherwise: u64| word(i).parse().unwrap_or(otherwise);
+    match word(0) {
+        "discs" => discs::table(number(1, 100)),
+        "coverage" if coverage::table(word(1), number(2, 50), number(3, 1)) => {}
+        "hostile" => hostile::table(number(1, 320), number(2, 1)),
+        "picture" => hostile::one(word(1), number(2, 1), word(3)),
+        _ => println!("{USAGE}"),
     }
 }

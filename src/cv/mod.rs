@@ -12,7 +12,9 @@ use with as door;
 #[cfg(not(feature = "opencv"))]
 use without as door;
 
-pub use door::{Video, built_in, calibrate, contours, detect, fit_ellipse};
+pub use door::{
+    Video, built_in, calibrate, contours, detect, fit_ellipse, hough_circles, one_thread,
+};
 
 use nalgebra::{Rotation3, Vector2, Vector3};
 

@@ -42,6 +42,16 @@ pub fn fit_ellipse(_: &[Vector2<f64>]) -> Result<Option<Ellipse>> {
     Err(missing("--cross-check"))
 }
 
+/// Needs OpenCV.
+pub fn hough_circles(_: &Gray<u8>, _: f64, _: f64, _: [f64; 2]) -> Result<Vec<Ellipse>> {
+    Err(missing("the comparison"))
+}
+
+/// Needs OpenCV.
+pub fn one_thread() -> Result<()> {
+    Err(missing("the comparison"))
+}
+
 /// Cannot be: opening one is an error.
 pub struct Video(std::convert::Infallible);
 

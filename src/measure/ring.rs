@@ -97,6 +97,8 @@ pub struct Points {
     pub span: f64,
     /// Curvature radius of the contour, px.
     pub radius_px: f64,
+    /// Size of a pixel in the plane, mm.
+    pub pixel_mm: f64,
     /// Whether the inside of the edge is as bright as the camera can tell.
     pub clipped_inside: bool,
 }
@@ -141,6 +143,7 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         closed: contour.closed,
         span: contour.span_rad / std::f64::consts::TAU,
         radius_px: contour.mean_radius_px(),
+        pixel_mm: view.pixel_mm(),
         clipped_inside: clip.is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
         located,
     };

@@ -1,7 +1,7 @@
 //! Contours and the ellipses through them.
 
 use nalgebra::Vector2;
-use opencv::core::{Mat, Point, Point2f, Size, Vector};
+use opencv::core::{Mat, Point, Point2f, Size, Vec3f, Vector};
 use opencv::imgproc;
 
 use super::{failed, mat};
@@ -33,6 +33,52 @@ fn find(gray: &Gray<u8>, blur_px: f64, share: f64) -> opencv::Result<Vec<Vec<Vec
         .filter(|c| c.len() >= SHORTEST)
         .map(|c| c.iter().map(|p| Vector2::new(f64::from(p.x), f64::from(p.y))).collect())
         .collect())
+}
+
+/// Circles of radii between two limits by `HoughCircles` (gradient method) after a Gaussian blur, strongest first: what
+/// measurements are compared with, not what they rest on. `edge` is Canny's upper threshold.
+pub fn hough_circles(
+    gray: &Gray<u8>,
+    blur_px: f64,
+    edge: f64,
+    radii: [f64; 2],
+) -> Result<Vec<Ellipse>> {
+    hough(gray, blur_px, edge, radii).map_err(failed)
+}
+
+fn hough(
+    gray: &Gray<u8>,
+    blur_px: f64,
+    edge: f64,
+    [least, most]: [f64; 2],
+) -> opencv::Result<Vec<Ellipse>> {
+    let image = mat(gray).map_err(|e| opencv::Error::new(0, e.to_string()))?;
+    let (mut smooth, mut circles) = (Mat::default(), Vector::<Vec3f>::new());
+    imgproc::gaussian_blur_def(&image, &mut smooth, Size::new(0, 0), blur_px)?;
+    // The accumulator's threshold of OpenCV's own tutorial.
+    let votes = 30.0;
+    let (least_px, most_px) = (least as i32, most.ceil() as i32);
+    imgproc::hough_circles(
+        &smooth,
+        &mut circles,
+        imgproc::HOUGH_GRADIENT,
+        1.0,
+        least,
+        edge,
+        votes,
+        least_px,
+        most_px,
+    )?;
+    let ellipse = |c: Vec3f| Ellipse {
+        center: Vector2::new(f64::from(c[0]), f64::from(c[1])),
+        axes: [f64::from(c[2]); 2],
+    };
+    Ok(circles.iter().map(ellipse).collect())
+}
+
+/// Keeps OpenCV to one thread, for comparisons thread by thread.
+pub fn one_thread() -> Result<()> {
+    opencv::core::set_num_threads(1).map_err(failed)
 }
 
 /// The ellipse through points (approximate mean square; Taubin 1991); `None` where there is none.

@@ -6,7 +6,7 @@ mod lens;
 mod video;
 
 pub use board::detect;
-pub use ellipse::{contours, fit_ellipse};
+pub use ellipse::{contours, fit_ellipse, hough_circles, one_thread};
 pub use lens::calibrate;
 pub use video::Video;
 

@@ -135,8 +135,20 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit,
         place,
         group: group.clone(),
     };
-    Some((correlated::fit(&rows, None)?, group))
+    let mut fit = correlated::fit(&rows, None)?;
+    for (k, arc) in arcs.iter().enumerate() {
+        let Some(start) = group.iter().position(|g| *g == k) else { continue };
+        let count = group[start..].iter().take_while(|g| **g == k).count();
+        let moved = fit.influence.columns(start, count).column_sum();
+        let place_mm = PLACE_PX * arc.points.pixel_mm;
+        fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
+    }
+    Some((fit, group))
 }
+
+/// An arc as a whole is out of place by this much (standard deviation): how pixels integrate light and where the
+/// counts are rounded shows in no residual. Noiseless renderings of two makers scatter by 0.002 to 0.004 px.
+const PLACE_PX: f64 = 0.0035;
 
 /// Groups of edge points of one arc in the correlated fit.
 const GROUPS_PER_ARC: usize = 30;

@@ -21,7 +21,7 @@ use crate::frame::{Frame, Picture};
 use crate::measure::ring::{self, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
-use seek::Rim;
+use outer::Found;
 
 /// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
 const DISAGREEMENT_MM: f64 = 0.01;
@@ -109,7 +109,6 @@ pub fn measure_frames(
     options: &Options,
 ) -> Result<Measured> {
     use rayon::prelude::*;
-    let subject = "captures";
     let voters: Vec<_> = frames
         .par_iter()
         .enumerate()
@@ -124,38 +123,18 @@ pub fn measure_frames(
         Some(d) => (0.4 * d, 0.6 * d),
         None => (0.12 * field, 0.12 * field + 4.0 * field),
     };
-    let rim = seek::rim(&voters, captures.len(), bounds, options.diameter_mm).ok_or_else(|| {
+    let unseen = || {
         Error::measure(
-            subject,
-            "no rim of a rod is seen on which the captures agree",
+            "captures",
+            "no rim of a rod is seen on which they agree",
             "check the pictures, the machine positions (x_mm, y_mm) and the calibration's signs",
         )
-    })?;
+    };
+    let rough = seek::rim(&voters, captures.len(), bounds).ok_or_else(unseen)?;
     let (c_deg, angle_of) = table_angles(captures);
-    let starts: Vec<Vector2<f64>> = (0..c_deg.len())
-        .map(|a| match c_deg.len() {
-            1 => rim.circle.center,
-            _ => seek::recentre(&voters, &rim, |capture| angle_of[capture] == a, 0.2),
-        })
-        .collect();
-    let (mut arcs, mut fitted) = follow(captures, frames, &starts, &angle_of, rim)?;
-    let nominal = options.diameter_mm.is_some_and(|d| (0.5 * d - fitted.radius).abs() < 0.05);
-    for _ in 0..2 {
-        let Some((shift, radius, inner_mm)) = outer::rim(captures, &angle_of, frames, &fitted)
-        else {
-            break;
-        };
-        let moved = shift.norm().max((radius - fitted.radius).abs());
-        if moved < 0.03 || (nominal && shift.norm() < 0.03) {
-            break;
-        }
-        let starts: Vec<Vector2<f64>> = fitted.centers.iter().map(|c| c + shift).collect();
-        let rim = Rim { circle: Circle { center: starts[0], radius }, inner_mm, outer_mm: None };
-        match follow(captures, frames, &starts, &angle_of, rim) {
-            Ok(better) => (arcs, fitted) = better,
-            Err(_) => break,
-        }
-    }
+    let found =
+        outer::rim(captures, &angle_of, frames, rough, options.diameter_mm).ok_or_else(unseen)?;
+    let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
     finish(captures, frames, options, &c_deg, &arcs, &fitted)
 }
 
@@ -163,13 +142,12 @@ pub fn measure_frames(
 fn follow(
     captures: &[Capture],
     frames: &[(Frame, View)],
-    starts: &[Vector2<f64>],
+    rim: &Found,
     angle_of: &[usize],
-    rim: Rim,
 ) -> Result<(Vec<Arc>, Joint)> {
     use rayon::prelude::*;
     let mut guess =
-        Joint { centers: starts.to_vec(), radius: rim.circle.radius, weights: Vec::new() };
+        Joint { centers: rim.centers.clone(), radius: rim.radius_mm, weights: Vec::new() };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
     for reach_px in [12.0, 4.0, 1.0] {
@@ -183,15 +161,13 @@ fn follow(
                     radius: guess.radius,
                 };
                 let per_mm = 1.0 / view.pixel_mm();
-                let limit = |edge: Option<f64>| {
-                    edge.map_or(60.0, |e| {
-                        (0.6 * (e - rim.circle.radius).abs() * per_mm).clamp(4.0, 60.0)
-                    })
-                };
+                let inside_limit_px = rim.inner_mm.map_or(60.0, |inner_mm| {
+                    (0.6 * (rim.radius_mm - inner_mm) * per_mm).clamp(4.0, 60.0)
+                });
                 let search = Search {
                     reach_px,
-                    inside_limit_px: limit(rim.inner_mm),
-                    outside_limit_px: limit(rim.outer_mm),
+                    inside_limit_px,
+                    outside_limit_px: 60.0,
                     softness_px: softness[i],
                 };
                 let points = ring::edge_points(frame, view, rough, search)?;
@@ -201,7 +177,7 @@ fn follow(
         for arc in &arcs {
             softness[arc.capture] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
         }
-        if let Some(a) = (0..starts.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
+        if let Some(a) = (0..rim.centers.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
             let first = angle_of.iter().position(|angle| *angle == a).unwrap_or(0);
             return Err(Error::measure(
                 format!("the captures at C = {}°", captures[first].c_deg),

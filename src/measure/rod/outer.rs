@@ -1,187 +1,297 @@
 //! Which edge is the rod? A chamfer's inner edge is often the stronger one, and on one side of the light the only
 //! strong one: a circle through the rim on one side and the chamfer on the other looks nearly as good.
 //!
-//! Every capture lists its edges near the circle that was found; circles through the lists of any three captures
-//! are tried, and the outermost that nearly as many captures support as any is the rod.
+//! Every capture's steps of brightness near the circle that was found are read once; circles are then tried all
+//! about it. One that is right lies on a step along every arc, and its neighbours inside (chamfer, turning lines)
+//! share its centre. The outermost that nearly as many captures support as any is the rod.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::Vector2;
 
 use crate::camera::View;
 use crate::edge::{Band, Contour, Profiles, scan_frame};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
-use crate::measure::rod::joint::Joint;
 
 /// How far outside and inside edges are looked for: wider than any chamfer.
 const OUTSIDE_MM: f64 = 1.2;
-const INSIDE_MM: f64 = 0.7;
+const INSIDE_MM: f64 = 0.8;
+/// How far the centre may be off at first.
+const SHIFT_MM: f64 = 0.8;
+/// How far the rod may sit from the axis, and the centre be off at the second look.
+const ECCENTRIC_MM: f64 = 0.2;
 /// Width of a bin of distance.
 const BIN_PX: f64 = 2.0;
 /// Sectors along each arc.
 const SECTORS: usize = 32;
-/// A capture sees an edge where its sectors agree to this many standard errors.
-const CLEAR: f64 = 4.5;
-/// Most edges a capture may list.
-const LISTED: usize = 6;
+/// Bins on either side of a step.
+const STEP: usize = 3;
+/// One sector's step counts for this many standard deviations at most: dirt and glare must not speak for all.
+const LOUDEST: f32 = 3.0;
+/// A capture half believes in an edge of this many standard errors.
+const BELIEVED: f32 = 6.0;
+/// Centres that are looked at closely.
+const CLOSER: usize = 12;
+/// Captures that see a circle, as a share of all.
+const LEAST: f32 = 0.4;
+/// Share of the best circle's support that an outer one needs.
+const SUPPORTED: f32 = 0.65;
 
-/// The edges of one capture.
-struct Sight {
-    /// Direction of the arc's middle from the centre.
-    toward: Vector2<f64>,
-    /// Distance from the circle and how clearly it is seen.
-    edges: Vec<(f64, f64)>,
+/// The rod's circle as it was found.
+pub(super) struct Found {
+    /// Its centre at each table angle, machine coordinates.
+    pub centers: Vec<Vector2<f64>>,
+    /// Its radius.
+    pub radius_mm: f64,
+    /// Radius of the next edge inside.
+    pub inner_mm: Option<f64>,
 }
 
-/// The rod's circle (centre shift and radius) near the one that was found, with the edge next inside it.
+/// The rod's circle near `rough`, where `nominal_mm` may say which of its edges is meant: about one centre first, then
+/// for each table angle its own, for the rod may be eccentric. `None` where the captures agree on no circle.
 pub(super) fn rim(
     captures: &[Capture],
     angle_of: &[usize],
     frames: &[(Frame, View)],
-    fitted: &Joint,
-) -> Option<(Vector2<f64>, f64, Option<f64>)> {
-    let pixel = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
-    let sights: Vec<Sight> = captures
-        .iter()
-        .zip(angle_of)
-        .zip(frames)
-        .filter_map(|((c, &a), (frame, view))| {
-            let about = Circle { center: fitted.centers[a] - c.position_mm, radius: fitted.radius };
-            sight(frame, view, about, pixel)
+    rough: Circle,
+    nominal_mm: Option<f64>,
+) -> Option<Found> {
+    let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
+    let bin_mm = BIN_PX * pixel_mm;
+    let look = |about: Circle| -> Vec<Sight> {
+        let each = captures.iter().zip(angle_of).zip(frames);
+        each.filter_map(|((c, &angle), (frame, view))| {
+            Sight::new(
+                frame,
+                view,
+                Circle { center: about.center - c.position_mm, ..about },
+                pixel_mm,
+                angle,
+            )
         })
-        .collect();
-    let tolerance = 5.0 * pixel;
-    let mut found: Vec<(f64, Vector2<f64>, f64)> = Vec::new();
-    for h in hypotheses(&sights) {
-        let (shift, grown) = (Vector2::new(h.x, h.y), h.z);
-        if shift.norm() > 0.5 || !(-INSIDE_MM..=OUTSIDE_MM).contains(&grown) {
-            continue;
-        }
-        let support: f64 = sights
-            .iter()
-            .map(|s| {
-                let expected = s.toward.dot(&shift) + grown;
-                let near = s.edges.iter().filter(|e| (e.0 - expected).abs() < tolerance);
-                near.map(|e| (e.1 / 12.0).min(1.0)).fold(0.0, f64::max)
-            })
-            .sum();
-        found.push((support, shift, grown));
-    }
-    let most = found.iter().map(|f| f.0).fold(0.0, f64::max);
-    if most < 0.5 * sights.len() as f64 {
+        .collect()
+    };
+    // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
+    let far = look(rough);
+    let shift = Search { bin_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
+    let about = Circle { center: rough.center + shift, ..rough };
+    let sights = look(about);
+    let inside_mm = sights.first()?.inside_mm;
+    let all = Search { bin_mm, sights: sights.iter().collect() };
+    let shift = all.center(ECCENTRIC_MM)?;
+    let support = all.support(shift, true);
+    let most = support.iter().copied().fold(0.0, f32::max);
+    if most < LEAST * sights.len() as f32 {
         return None;
     }
-    let good: Vec<_> = found.iter().filter(|f| f.0 >= 0.65 * most).collect();
-    // Of the well-supported circles, those about the best-supported one's centre; the outermost is the rod.
-    let best = good.iter().max_by(|a, b| (a.0 + 0.02 * a.2).total_cmp(&(b.0 + 0.02 * b.2)))?;
-    let outer = good
-        .iter()
-        .filter(|f| (f.1 - best.1).norm() < 2.0 * tolerance)
-        .max_by(|a, b| a.2.total_cmp(&b.2))?;
-    let inner = good
-        .iter()
-        .filter(|f| (f.1 - outer.1).norm() < 2.0 * tolerance && f.2 < outer.2 - 4.0 * tolerance)
-        .max_by(|a, b| a.2.total_cmp(&b.2))
-        .map(|f| fitted.radius + f.2);
-    Some((outer.1, fitted.radius + outer.2, inner))
+    let peaks: Vec<usize> = (1..support.len() - 1)
+        .filter(|&b| {
+            support[b] >= SUPPORTED * most
+                && support[b] >= support[b - 1]
+                && support[b] > support[b + 1]
+        })
+        .collect();
+    let radius_mm = |b: usize| about.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
+    let named = nominal_mm.and_then(|d| {
+        let gap = |b: usize| (radius_mm(b) - 0.5 * d).abs();
+        let nearest = peaks.iter().copied().min_by(|&a, &b| gap(a).total_cmp(&gap(b)))?;
+        (gap(nearest) < 0.005 * d).then_some(nearest)
+    });
+    let outer = named.or(peaks.last().copied())?;
+    let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
+    let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
+    let angles = angle_of.iter().max()? + 1;
+    let centers = (0..angles).map(|a| {
+        let own = sights.iter().filter(|s| s.angle == a).collect();
+        let search = Search { bin_mm, sights: own };
+        let shift = if angles > 1 { search.recentre(shift, &edges) } else { shift };
+        about.center + shift
+    });
+    Some(Found {
+        centers: centers.collect(),
+        radius_mm: radius_mm(outer),
+        inner_mm: inner.map(radius_mm),
+    })
 }
 
-/// Shifts and growths that bring the circle through listed edges of three captures in different directions.
-fn hypotheses(sights: &[Sight]) -> Vec<Vector3<f64>> {
-    let mut list = Vec::new();
-    if sights.len() < 3 {
-        for s in sights {
-            list.extend(s.edges.iter().map(|e| Vector3::new(0.0, 0.0, e.0)));
-        }
-        return list;
+/// The captures together.
+struct Search<'a> {
+    bin_mm: f64,
+    sights: Vec<&'a Sight>,
+}
+
+impl Search<'_> {
+    /// The shift, up to `most_mm`, under which the captures agree best on a circle.
+    fn center(&self, most_mm: f64) -> Option<Vector2<f64>> {
+        let value = |shift: Vector2<f64>, fine: bool| {
+            self.support(shift, fine).into_iter().fold(0.0, f32::max)
+        };
+        let coarse_mm = 4.0 * self.bin_mm;
+        let mut starts: Vec<(f32, Vector2<f64>)> =
+            disc(most_mm, coarse_mm).map(|shift| (value(shift, false), shift)).collect();
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        starts.truncate(CLOSER);
+        let refined =
+            starts.into_iter().map(|(_, start)| self.climb(start, |shift| value(shift, true)));
+        refined.max_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1)
     }
-    for i in 0..sights.len() {
-        for j in i + 1..sights.len() {
-            for k in j + 1..sights.len() {
-                let three = [&sights[i], &sights[j], &sights[k]];
-                let m = Matrix3::from_fn(|r, c| match c {
-                    0 => three[r].toward.x,
-                    1 => three[r].toward.y,
-                    _ => 1.0,
-                });
-                if m.determinant().abs() < 0.4 {
-                    continue;
-                }
-                let Some(inverse) = m.try_inverse() else { continue };
-                for a in &three[0].edges {
-                    for b in &three[1].edges {
-                        for c in &three[2].edges {
-                            list.push(inverse * Vector3::new(a.0, b.0, c.0));
-                        }
+
+    /// The shift near `start` under which the captures agree best on circles in these bins.
+    fn recentre(&self, start: Vector2<f64>, bins: &[usize]) -> Vector2<f64> {
+        let value = |shift: Vector2<f64>, fine: bool| -> f32 {
+            let support = self.support(shift, fine);
+            bins.iter().map(|&b| support[b - 1].max(support[b]).max(support[b + 1])).sum()
+        };
+        let rough = disc(ECCENTRIC_MM, 4.0 * self.bin_mm)
+            .map(|shift| (value(start + shift, false), start + shift))
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .map_or(start, |best| best.1);
+        self.climb(rough, |shift| value(shift, true)).1
+    }
+
+    /// The best value and its shift that small steps from `start` lead to.
+    fn climb(
+        &self,
+        start: Vector2<f64>,
+        value: impl Fn(Vector2<f64>) -> f32,
+    ) -> (f32, Vector2<f64>) {
+        let mut best = (value(start), start);
+        for step in [2.0, 1.0, 0.5] {
+            for _ in 0..6 {
+                let before = best.0;
+                for i in 0..8 {
+                    let (s, c) = (std::f64::consts::FRAC_PI_4 * f64::from(i)).sin_cos();
+                    let p = best.1 + step * self.bin_mm * Vector2::new(c, s);
+                    let v = value(p);
+                    if v > best.0 {
+                        best = (v, p);
                     }
+                }
+                if best.0 <= before {
+                    break;
                 }
             }
         }
+        best
     }
+
+    /// How many captures support a circle about the shifted centre, for every radius.
+    fn support(&self, shift: Vector2<f64>, fine: bool) -> Vec<f32> {
+        let bins = self.sights.first().map_or(0, |s| s.bins);
+        let mut sum = vec![0.0f32; bins];
+        let mut own = vec![0.0f32; bins];
+        for sight in &self.sights {
+            sight.evidence(shift, fine, self.bin_mm, &mut own);
+            for (s, z) in sum.iter_mut().zip(&own) {
+                *s += z.abs() / (z.abs() + BELIEVED);
+            }
+        }
+        sum
+    }
+}
+
+/// The steps of brightness of one capture.
+struct Sight {
+    /// Index of the capture's table angle.
+    angle: usize,
+    inside_mm: f64,
+    bins: usize,
+    /// Direction of each sector from the centre.
+    toward: Vec<Vector2<f64>>,
+    /// Step at each bin of each sector, in its standard deviation; and the same, smeared for a first look.
+    sharp: Vec<f32>,
+    smeared: Vec<f32>,
+}
+
+impl Sight {
+    fn new(frame: &Frame, view: &View, about: Circle, pixel_mm: f64, angle: usize) -> Option<Self> {
+        let contour = Contour::of_circle(view, about.center, about.radius)?;
+        let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
+        let band =
+            Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px: BIN_PX, sectors: SECTORS };
+        let profiles = scan_frame(frame, &contour, band);
+        let toward = profiles
+            .angle_rad
+            .iter()
+            .map(|&a| (view.to_plane(contour.point(a, 0.0)) - about.center).normalize())
+            .collect();
+        let sharp = steps(&profiles);
+        let bins = profiles.bins;
+        let smeared = sharp.chunks(bins).flat_map(smear).collect();
+        let inside_mm = inside_px * pixel_mm;
+        (sharp.iter().any(|s| *s != 0.0)).then_some(Self {
+            angle,
+            inside_mm,
+            bins,
+            toward,
+            sharp,
+            smeared,
+        })
+    }
+
+    /// How clearly a circle about the shifted centre is an edge of this capture, for every radius: the mean of the
+    /// sectors' steps, in standard errors.
+    fn evidence(&self, shift: Vector2<f64>, fine: bool, bin_mm: f64, out: &mut [f32]) {
+        out.fill(0.0);
+        let steps = if fine { &self.sharp } else { &self.smeared };
+        for (row, toward) in steps.chunks(self.bins).zip(&self.toward) {
+            let offset = (toward.dot(&shift) / bin_mm).round() as isize;
+            let (from, to) = (offset.max(0) as usize, (-offset).max(0) as usize);
+            for (o, s) in out.iter_mut().skip(to).zip(row.iter().skip(from)) {
+                *o += s;
+            }
+        }
+        let scale = 1.0 / (self.toward.len() as f32).sqrt();
+        out.iter_mut().for_each(|o| *o *= scale);
+    }
+}
+
+/// Shifts on a grid, up to `most_mm`.
+fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
+    let span = (most_mm / step_mm).ceil() as i32;
+    (-span..=span)
+        .flat_map(move |i| (-span..=span).map(move |j| (i, j)))
+        .map(move |(i, j)| step_mm * Vector2::new(f64::from(i), f64::from(j)))
+        .filter(move |shift| shift.norm() <= most_mm)
+}
+
+/// Step across every bin of every sector, in standard deviations of the steps of this capture.
+fn steps(profiles: &Profiles) -> Vec<f32> {
+    let bins = profiles.bins;
+    let mut list = vec![0.0f32; profiles.count.len()];
+    for s in 0..profiles.sectors() {
+        let row = profiles.range(s);
+        let (count, value) = (&profiles.count[row.clone()], &profiles.value[row.clone()]);
+        let side = |range: std::ops::Range<usize>| {
+            let n: f32 = count[range.clone()].iter().sum();
+            let sum: f32 = range.map(|i| count[i] * value[i]).sum();
+            (n > 0.0).then(|| sum / n)
+        };
+        for b in STEP..bins.saturating_sub(STEP) {
+            if let (Some(out), Some(inn)) = (side(b + 1..b + 1 + STEP), side(b - STEP..b)) {
+                list[row.start + b] = out - inn;
+            }
+        }
+    }
+    let mut sizes: Vec<f32> = list.iter().map(|s| s.abs()).filter(|s| *s > 0.0).collect();
+    if sizes.is_empty() {
+        return list;
+    }
+    let (middle, high) = (sizes.len() / 2, sizes.len() * 99 / 100);
+    let typical = 1.48 * *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
+    // A picture without noise still has no edges of a two-hundredth of its contrast.
+    let scale = typical.max(0.005 * strong);
+    list.iter_mut().for_each(|s| *s = (*s / scale).clamp(-LOUDEST, LOUDEST));
     list
 }
 
-fn sight(frame: &Frame, view: &View, about: Circle, pixel: f64) -> Option<Sight> {
-    let contour = Contour::of_circle(view, about.center, about.radius)?;
-    let inside = (INSIDE_MM / pixel).min(300.0);
-    let band = Band {
-        inside_px: inside,
-        outside_px: (OUTSIDE_MM / pixel).min(500.0),
-        bin_px: BIN_PX,
-        sectors: SECTORS,
-    };
-    let z = agreement(&scan_frame(frame, &contour, band), 3);
-    let mut edges: Vec<(f64, f64)> = (1..z.len().saturating_sub(1))
-        .filter(|&b| {
-            z[b].abs() > CLEAR && z[b].abs() >= z[b - 1].abs() && z[b].abs() > z[b + 1].abs()
-        })
-        .map(|b| (((b as f64 + 0.5) * BIN_PX - inside) * pixel, z[b].abs()))
-        .collect();
-    edges.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut kept: Vec<(f64, f64)> = Vec::new();
-    for e in edges {
-        if kept.len() < LISTED && kept.iter().all(|k| (k.0 - e.0).abs() > 8.0 * pixel) {
-            kept.push(e);
-        }
-    }
-    let middle = contour.point(contour.start_rad + 0.5 * contour.span_rad, 0.0);
-    let toward = (view.to_plane(middle) - about.center).normalize();
-    (!kept.is_empty()).then_some(Sight { toward, edges: kept })
-}
-
-/// For every bin: mean step across it over the sectors, in standard errors of that mean.
-fn agreement(profiles: &Profiles, step: usize) -> Vec<f64> {
-    let bins = profiles.bins;
-    (0..bins)
-        .map(|b| {
-            if b < step || b + step >= bins {
-                return 0.0;
-            }
-            let mut steps: Vec<f64> = (0..profiles.sectors())
-                .filter_map(|s| {
-                    let at = s * bins;
-                    let side = |range: std::ops::Range<usize>| {
-                        let (mut n, mut sum) = (0.0, 0.0);
-                        for i in range {
-                            n += profiles.count[at + i];
-                            sum += profiles.count[at + i] * profiles.value[at + i];
-                        }
-                        (n > 0.0).then(|| f64::from(sum / n))
-                    };
-                    Some(side(b + 1..b + 1 + step)? - side(b - step..b)?)
-                })
-                .collect();
-            if steps.len() < 8 {
-                return 0.0;
-            }
-            // A robust mean: glare and dirt in a few sectors must not speak for all of them.
-            steps.sort_by(f64::total_cmp);
-            let cut = steps.len() / 8;
-            let kept = &steps[cut..steps.len() - cut];
-            let n = kept.len() as f64;
-            let mean = kept.iter().sum::<f64>() / n;
-            let variance = kept.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0);
-            mean / (2.0 * variance / n).sqrt().max(0.05)
+/// Mean over five bins.
+fn smear(row: &[f32]) -> Vec<f32> {
+    (0..row.len())
+        .map(|i| {
+            let near = &row[i.saturating_sub(2)..(i + 3).min(row.len())];
+            near.iter().sum::<f32>() / near.len() as f32
         })
         .collect()
 }

@@ -24,17 +24,6 @@ pub(super) struct Voter {
     capture: usize,
 }
 
-/// A circular edge of the rod.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rim {
-    /// In machine coordinates.
-    pub circle: Circle,
-    /// Radius of the next edge inside, where there is one.
-    pub inner_mm: Option<f64>,
-    /// Radius of the next edge outside, where there is one.
-    pub outer_mm: Option<f64>,
-}
-
 /// The voters of one capture.
 pub(super) fn voters(
     frame: &Frame,
@@ -92,12 +81,7 @@ fn voters_at(
 }
 
 /// The rim on which most edges of all captures agree. `radius_mm` bounds it.
-pub(super) fn rim(
-    voters: &[Voter],
-    captures: usize,
-    radius_mm: (f64, f64),
-    nominal_mm: Option<f64>,
-) -> Option<Rim> {
+pub(super) fn rim(voters: &[Voter], captures: usize, radius_mm: (f64, f64)) -> Option<Circle> {
     let mut center = center(voters, captures, radius_mm)?;
     let cell = 0.002 * radius_mm.1.min(40.0);
     let edges = radii(voters, captures, center, radius_mm, 6.0 * cell, 0.1);
@@ -112,25 +96,9 @@ pub(super) fn rim(
     let edges = radii(&near, captures, center, (strongest - reach, strongest + reach), width, 0.06);
     let strongest = edges.iter().map(|e| e.1).fold(0.0, f64::max);
     let real: Vec<f64> = edges.iter().filter(|e| e.1 > 0.2 * strongest).map(|e| e.0).collect();
-    // The rod is the outermost edge, unless the nominal diameter clearly says another one.
-    let outermost = real.iter().copied().fold(0.0, f64::max);
-    let radius = match nominal_mm.map(|d| 0.5 * d) {
-        Some(r) => {
-            let nearest = real
-                .iter()
-                .copied()
-                .min_by(|a, b| (a - r).abs().total_cmp(&(b - r).abs()))
-                .unwrap_or(outermost);
-            if (nearest - r).abs() < 0.01 * r { nearest } else { outermost }
-        }
-        None => outermost,
-    };
-    let gap = 0.02;
-    Some(Rim {
-        circle: Circle { center, radius },
-        inner_mm: real.iter().copied().filter(|e| *e < radius - gap).max_by(f64::total_cmp),
-        outer_mm: real.iter().copied().filter(|e| *e > radius + gap).min_by(f64::total_cmp),
-    })
+    // The rod is the outermost edge.
+    let radius = real.iter().copied().fold(0.0, f64::max);
+    Some(Circle { center, radius })
 }
 
 /// Voters whose gradient points along the radius, within a range of radii.
@@ -187,48 +155,6 @@ fn sharpest(voters: &[Voter], captures: usize, start: Vector2<f64>, width: f64) 
         }
     }
     best
-}
-
-/// The centre for one table angle's captures, from that of all of them: the rod may be eccentric.
-pub(super) fn recentre(
-    voters: &[Voter],
-    rim: &Rim,
-    belongs: impl Fn(usize) -> bool,
-    reach_mm: f64,
-) -> Vector2<f64> {
-    let own: Vec<Voter> =
-        radial(voters, rim.circle.center, (rim.circle.radius - 1.5, rim.circle.radius + 1.5), 0.12)
-            .into_iter()
-            .filter(|v| belongs(v.capture))
-            .collect();
-    let width = 0.03;
-    let match_at = |center: Vector2<f64>| -> f64 {
-        own.iter()
-            .map(|v| {
-                let r = (v.place_mm - center).norm();
-                let at = |edge: f64| (-((r - edge) / width).powi(2)).exp();
-                at(rim.circle.radius) + rim.inner_mm.map_or(0.0, at)
-            })
-            .sum()
-    };
-    let mut best = (match_at(rim.circle.center), rim.circle.center);
-    let mut step = 0.25 * reach_mm;
-    let mut span = 4i32;
-    while step > 0.004 {
-        let middle = best.1;
-        for i in -span..=span {
-            for j in -span..=span {
-                let p = middle + step * Vector2::new(f64::from(i), f64::from(j));
-                let v = match_at(p);
-                if v > 1.001 * best.0 {
-                    best = (v, p);
-                }
-            }
-        }
-        step *= 0.35;
-        span = 2;
-    }
-    best.1
 }
 
 fn center(voters: &[Voter], captures: usize, (near, far): (f64, f64)) -> Option<Vector2<f64>> {

@@ -1,0 +1,144 @@
+//! Rendered burns, circles and rods of the three presets: errors against the truth, and whether the stated intervals hold.
+
+use std::path::PathBuf;
+
+use pivotsight::error::Result;
+use pivotsight::frame::{Channel, Picture};
+use pivotsight::measure::{burn, circles, rod};
+use pivotsight::render::{self, BurnScene, Preset, RodScene};
+use rayon::prelude::*;
+
+use crate::stats::{quantile, share};
+
+const LEVELS: [(&str, Preset); 3] =
+    [("clean", Preset::Clean), ("typical", Preset::Typical), ("hard", Preset::Hard)];
+
+/// One number of a result.
+struct Answer {
+    error_mm: f64,
+    u95_mm: f64,
+}
+
+/// The numbers of one picture: a list for each row of the table.
+type Answers<const N: usize> = Result<[Vec<Answer>; N]>;
+
+/// Prints the table of one kind of picture: `burns`, `circles` or `rods`. `false` for any other.
+pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
+    println!(
+        "| {kind} | pictures | refused | median µm | 90 % | worst | u95 holds | over 3 u95 | width / needed |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for (level, preset) in LEVELS {
+        let seeds = (0..cases).into_par_iter().map(|i| seed * 100_000 + i);
+        match kind {
+            "burns" => {
+                let scene = BurnScene::preset(preset).expect("a preset is a scene");
+                rows(level, ["offset"], seeds.map(|s| one_burn(&scene, s)).collect());
+            }
+            "circles" => {
+                let scene = BurnScene::preset(preset).expect("a preset is a scene");
+                let answers = seeds.map(|s| two_circles(&scene, s)).collect();
+                rows(level, ["ring's centre", "spot's centre", "diameters"], answers);
+            }
+            "rods" => {
+                let scene = RodScene::preset(preset).expect("a preset is a scene");
+                let answers = seeds.map(|s| one_rod(&scene, s)).collect();
+                rows(level, ["axis", "diameter"], answers);
+            }
+            _ => return false,
+        }
+    }
+    true
+}
+
+fn pair(found: [f64; 2], truth: [f64; 2], u95: [f64; 2]) -> Vec<Answer> {
+    (0..2).map(|k| Answer { error_mm: found[k] - truth[k], u95_mm: u95[k] }).collect()
+}
+
+fn one_burn(scene: &BurnScene, seed: u64) -> Answers<1> {
+    let made = render::burn::render(scene, seed)?;
+    let picture = Picture::decode("rendered", &made.picture.png()?)?;
+    let options = burn::Options::default();
+    let report = burn::measure(&picture, &made.camera.calibration, &options, "rendered")?.report;
+    Ok([pair(report.offset_mm, made.truth.offset_mm, report.offset_u95_mm)])
+}
+
+fn two_circles(scene: &BurnScene, seed: u64) -> Answers<3> {
+    let made = render::burn::render(scene, seed)?;
+    let picture = Picture::decode("rendered", &made.picture.png()?)?;
+    let truths = [&made.truth.ring, &made.truth.spot];
+    let options = circles::Options {
+        expect_mm: truths.map(|t| t.diameter_mm).to_vec(),
+        channel: Channel::default(),
+    };
+    let measured = circles::measure(&picture, &made.camera.calibration, &options, "rendered")?;
+    let [ring, spot] = [0, 1].map(|i| &measured.report.circles[i].circle);
+    let centre = |i: usize| {
+        let circle = [ring, spot][i];
+        pair(circle.center_mm, truths[i].center_mm, circle.center_u95_mm)
+    };
+    let diameters = pair(
+        [ring.diameter_mm, spot.diameter_mm],
+        truths.map(|t| t.diameter_mm),
+        [ring.diameter_u95_mm, spot.diameter_u95_mm],
+    );
+    Ok([centre(0), centre(1), diameters])
+}
+
+/// The C axis, or the rod's centre where one table angle only is seen, and the diameter.
+fn one_rod(scene: &RodScene, seed: u64) -> Answers<2> {
+    let made = render::rod::render(scene, seed)?;
+    let (mut captures, mut frames) = (Vec::new(), Vec::new());
+    for (i, capture) in made.captures.iter().enumerate() {
+        let picture = Picture::decode("rendered", &capture.picture.png()?)?;
+        let (width, height) = picture.size();
+        let view = made.camera.calibration.view(width, height)?;
+        frames.push((picture.into_frame(Channel::Luminance), view));
+        captures.push(rod::Capture {
+            image: format!("capture {i}"),
+            path: PathBuf::new(),
+            position_mm: capture.machine_mm.into(),
+            c_deg: capture.c_deg,
+            t_s: None,
+            temp_c: None,
+            direction: None,
+        });
+    }
+    let report = rod::measure_frames(&captures, &frames, &rod::Options::default())?.report;
+    let truth = if report.axis_separated {
+        made.truth.axis_center_mm
+    } else {
+        made.truth.rod_centers[0].center_mm
+    };
+    let diameter = Answer {
+        error_mm: report.diameter_mm - made.truth.diameter_mm,
+        u95_mm: report.diameter_u95_mm,
+    };
+    Ok([pair(report.axis_center_mm, truth, report.axis_center_u95_mm), vec![diameter]])
+}
+
+/// One row for each of `what`. The last column compares the stated intervals with those that would hold 95 % of the errors:
+/// the reciprocal of the 95 % quantile of |error| / u95.
+fn rows<const N: usize>(level: &str, what: [&str; N], answers: Vec<Answers<N>>) {
+    let all = answers.len();
+    let good: Vec<[Vec<Answer>; N]> = answers.into_iter().filter_map(Result::ok).collect();
+    for (k, what) in what.iter().enumerate() {
+        let errors: Vec<f64> = good
+            .iter()
+            .map(|g| 1e3 * g[k].iter().map(|a| a.error_mm * a.error_mm).sum::<f64>().sqrt())
+            .collect();
+        let ratios: Vec<f64> =
+            good.iter().flat_map(|g| &g[k]).map(|a| a.error_mm.abs() / a.u95_mm).collect();
+        let within = |k: f64| ratios.iter().filter(|r| **r <= k).count();
+        println!(
+            "| {level}, {what} | {all} | {} | {:.3} | {:.3} | {:.3} | {} | {} | {:.2} |",
+            all - good.len(),
+            quantile(&errors, 0.5),
+            quantile(&errors, 0.9),
+            quantile(&errors, 1.0),
+            share(within(1.0), ratios.len()),
+            ratios.len() - within(3.0),
+            1.0 / quantile(&ratios, 0.95),
+        );
+    }
+}
