@@ -73,7 +73,12 @@ impl Selection {
                 consider(s.evidence - own, &[who]);
             }
         }
-        if single && let Some((who, s)) = self.best_generic(fitter, &standing, f) {
+        // A free function is as good as any other; the dictionary is long.
+        let is_free = |p: &Part| matches!(p, Part::Extra(i) if matches!(&f.model.extras[*i].kind, Extra::Generic(t) if t.shape.is_free()));
+        if single
+            && !is_free(&gone[0])
+            && let Some((who, s)) = self.best_generic(fitter, &standing, f)
+        {
             consider(s.evidence - LIBRARY_BONUS - own, &[&who]);
         }
         let splits = single && !named && !is_form(&gone[0]);
@@ -92,6 +97,9 @@ impl Selection {
         let f = &self.fitted;
         let is_free = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_free());
         let Some(at) = f.model.extras.iter().position(is_free) else { return };
+        if f.model.extras.len() > 1 {
+            return;
+        }
         let (standing, own) = without(fitter, f, &[Part::Extra(at)]);
         let own = own.map_or(0.0, |s| s.evidence) + SECOND_NAME;
         let rest = remove_all(&f.model, &[Part::Extra(at)]);

@@ -126,7 +126,7 @@ fn html(experiment: &dyn Experiment, r: &Report) -> String {
 }
 
 /// One panel per output: means over the variable's ranges, before and after.
-fn figure(experiment: &dyn Experiment, variable: &Variable, r: &Report) -> Figure {
+pub fn figure(experiment: &dyn Experiment, variable: &Variable, r: &Report) -> Figure {
     let layout = experiment.layout();
     let mut figure = Figure::new(format!("over {}", variable.name)).columns(3);
     for d in &layout.directions {

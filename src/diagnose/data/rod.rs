@@ -449,7 +449,9 @@ impl Experiment for RodExperiment {
             extend_time(&mut data.t_s);
         }
         let c_deg: Vec<f64> = data.c_rad.iter().map(|c| data.c_sense * c.to_degrees()).collect();
-        let layout = layout(&data, values, &c_deg);
+        let mut layout = layout(&data, values, &c_deg);
+        // Planned captures see the whole rim; their noise is the run's all the same.
+        layout.random.truncate(self.layout.random.len());
         let library = library(&self.data);
         let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
         Box::new(Self { data, library, known, layout, nuisances })

@@ -1,0 +1,301 @@
+//! Candidates for the model: their columns, whitened and projected.
+
+use std::cell::OnceCell;
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::diagnose::experiment::{Active, Parameter};
+use crate::diagnose::fit::{Extra, Fitted, Fitter};
+use crate::diagnose::generic::{Shape, Term, dictionary};
+
+/// What a candidate would add.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Who {
+    /// A library effect in one form, with its form parameters at a grid point.
+    Effect(Active),
+    /// A generic shape or a correction of a named effect's form.
+    Extra(Extra),
+}
+
+/// A candidate and where its columns stand in the pool.
+#[derive(Debug, Clone)]
+pub struct Candidate {
+    /// What it would add.
+    pub who: Who,
+    /// First column.
+    pub first: usize,
+    /// Number of columns.
+    pub count: usize,
+    /// Form parameters chosen from a grid, which count as fitted.
+    pub shape_parameters: usize,
+    /// A function of no set form: its coefficients share one prior variance, itself found from the data.
+    pub free: bool,
+    /// A step or bump: its last column, a constant, may not be needed.
+    pub placed: bool,
+    /// What being one of several costs: an effect of many forms, a shape of many variables and outputs, nats.
+    pub choice: f64,
+}
+
+/// What it costs to be one of several, nats.
+pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
+    match who {
+        Who::Effect(a) => {
+            let forms = &fitter.experiment.effects()[a.effect].forms;
+            let switches = forms[a.form].iter().filter(|p| p.is_switch()).count();
+            // Of two exact aliases the one in its plain form is named first.
+            (forms.len() as f64).ln() + 0.2 * switches as f64
+        }
+        Who::Extra(Extra::Generic(_)) => {
+            let layout = fitter.experiment.layout();
+            ((layout.directions.len() * layout.variables.len()) as f64).ln()
+        }
+        Who::Extra(Extra::Form { .. }) => 0.0,
+    }
+}
+
+/// Candidates with their columns, split but not yet whitened. Those that live in the capture-level rows alone come first.
+pub struct Pool {
+    /// The candidates.
+    pub candidates: Vec<Candidate>,
+    /// Capture-level rows of all columns.
+    top: DMatrix<f64>,
+    /// Remainders of the columns from `rest_from` on.
+    rest: DMatrix<f64>,
+    rest_from: usize,
+    /// Gram matrix of each candidate's remainders, class by class: the noise only weighs them.
+    squares: Vec<Vec<DMatrix<f64>>>,
+    /// The same of all remainders together, where it is asked for.
+    cross: OnceCell<Vec<DMatrix<f64>>>,
+}
+
+/// A pool's columns, whitened, with what a model explains of them.
+pub(super) struct Projected<'a> {
+    pool: &'a Pool,
+    classes: &'a [usize],
+    /// Capture-level rows, whitened.
+    pub(super) top: DMatrix<f64>,
+    /// Components along the model's basis.
+    along: DMatrix<f64>,
+    /// 1/σ² of each class.
+    weights: Vec<f64>,
+}
+
+impl Projected<'_> {
+    /// Inner product of two columns of a candidate after the projection.
+    pub(super) fn dot(&self, candidate: usize, i: usize, j: usize) -> f64 {
+        let first = self.pool.candidates[candidate].first;
+        let taken = self.along.column(first + i).dot(&self.along.column(first + j));
+        self.whole(candidate, i, j) - taken
+    }
+
+    /// Inner product of two columns of a candidate before the projection.
+    pub(super) fn whole(&self, candidate: usize, i: usize, j: usize) -> f64 {
+        let first = self.pool.candidates[candidate].first;
+        let top = self.top.column(first + i).dot(&self.top.column(first + j));
+        let rest = self.pool.squares[candidate].iter().zip(&self.weights);
+        top + rest.map(|(square, w)| w * square[(i, j)]).sum::<f64>()
+    }
+
+    /// Squares of a candidate's column in each class of observations, whitened.
+    pub(super) fn rest_squares(&self, candidate: usize, i: usize) -> Vec<f64> {
+        let rest = self.pool.squares[candidate].iter().zip(&self.weights);
+        rest.map(|(square, w)| w * square[(i, i)]).collect()
+    }
+
+    /// Inner products of all columns after the projection, over their lengths before it; then those lengths.
+    pub(super) fn gram(&self) -> (DMatrix<f64>, DVector<f64>) {
+        let mut gram = self.top.tr_mul(&self.top);
+        let pool = self.pool;
+        let cross = pool.cross.get_or_init(|| class_squares(&pool.rest, self.classes));
+        for (square, w) in cross.iter().zip(&self.weights) {
+            let mut later = gram.view_mut((pool.rest_from, pool.rest_from), square.shape());
+            later += square * *w;
+        }
+        let length = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 1.0 });
+        gram -= self.along.tr_mul(&self.along);
+        let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
+            gram[(i, j)] / (length[i] * length[j])
+        });
+        (scaled, length)
+    }
+
+    /// Inner products of all columns with a whitened vector.
+    pub(super) fn inner(&self, vector: &DVector<f64>) -> DVector<f64> {
+        let all = DMatrix::from_column_slice(vector.len(), 1, vector.as_slice());
+        self.pool.inner(&self.top, &all, self.classes, &self.weights).row(0).transpose()
+    }
+}
+
+/// Gram matrix of columns, class by class of the observations.
+fn class_squares(columns: &DMatrix<f64>, classes: &[usize]) -> Vec<DMatrix<f64>> {
+    let count = classes.iter().max().map_or(1, |c| c + 1);
+    if count == 1 {
+        return vec![columns.tr_mul(columns)];
+    }
+    (0..count)
+        .map(|class| {
+            let rows: Vec<usize> = (0..classes.len()).filter(|i| classes[*i] == class).collect();
+            let own = columns.select_rows(&rows);
+            own.tr_mul(&own)
+        })
+        .collect()
+}
+
+impl Pool {
+    fn new(fitter: &Fitter, entries: Vec<(Who, usize, DMatrix<f64>)>) -> Self {
+        let top_rows = fitter.space.top();
+        let mut sides: [Vec<(Who, usize, DMatrix<f64>)>; 2] = [Vec::new(), Vec::new()];
+        for (who, shapes, block) in entries {
+            let split = fitter.space.split(&block);
+            let rest = split.rows(top_rows, block.nrows()).norm();
+            let within = top_rows == 0 || rest > 1e-9 * split.norm();
+            sides[usize::from(within)].push((who, shapes, split));
+        }
+        let rest_from = sides[0].iter().map(|(_, _, s)| s.ncols()).sum();
+        let count: usize = sides.iter().flatten().map(|(_, _, s)| s.ncols()).sum();
+        let rows = fitter.experiment.layout().values.len();
+        let mut top = DMatrix::zeros(top_rows, count);
+        let mut rest = DMatrix::zeros(rows, count - rest_from);
+        let (mut candidates, mut first) = (Vec::new(), 0);
+        for (who, shape_parameters, split) in sides.into_iter().flatten() {
+            let n = split.ncols();
+            top.columns_mut(first, n).copy_from(&split.rows(0, top_rows));
+            if first >= rest_from {
+                rest.columns_mut(first - rest_from, n).copy_from(&split.rows(top_rows, rows));
+            }
+            let shape = match &who {
+                Who::Extra(Extra::Generic(t)) => Some(t.shape),
+                _ => None,
+            };
+            candidates.push(Candidate {
+                choice: choice(fitter, &who),
+                who,
+                first,
+                count: n,
+                shape_parameters,
+                free: shape.is_some_and(Shape::is_free),
+                placed: shape.is_some_and(Shape::is_placed),
+            });
+            first += n;
+        }
+        let classes = &fitter.experiment.layout().classes;
+        let squares = candidates
+            .iter()
+            .map(|c: &Candidate| match c.first.checked_sub(rest_from) {
+                Some(at) => class_squares(&rest.columns(at, c.count).into_owned(), classes),
+                None => Vec::new(),
+            })
+            .collect();
+        Self { candidates, top, rest, rest_from, squares, cross: OnceCell::new() }
+    }
+
+    /// Every testable form of every library effect, linearised about the baseline.
+    pub fn library(fitter: &Fitter, nuisances: &[f64]) -> Self {
+        let experiment = fitter.experiment;
+        let base = experiment.predict(nuisances, &[]);
+        let mut entries = Vec::new();
+        for (effect, info) in experiment.effects().iter().enumerate() {
+            if info.untestable.is_some() {
+                continue;
+            }
+            for (form, parameters) in info.forms.iter().enumerate() {
+                for values in grid_points(parameters) {
+                    let linear: Vec<usize> =
+                        (0..values.len()).filter(|&i| parameters[i].grid.is_empty()).collect();
+                    let mut block = DMatrix::zeros(base.len(), linear.len());
+                    for (c, &i) in linear.iter().enumerate() {
+                        let step = 1e-3 * parameters[i].typical;
+                        let mut moved = values.clone();
+                        moved[i] += step;
+                        let active = [Active { effect, form, values: moved }];
+                        let forward = experiment.predict(nuisances, &active);
+                        for (r, (f, b)) in forward.iter().zip(&base).enumerate() {
+                            block[(r, c)] = (f - b) / step;
+                        }
+                    }
+                    let shape_parameters =
+                        parameters.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
+                    let who = Who::Effect(Active { effect, form, values });
+                    entries.push((who, shape_parameters, block));
+                }
+            }
+        }
+        Self::new(fitter, entries)
+    }
+
+    /// The generic dictionary.
+    pub fn generic(fitter: &Fitter) -> Self {
+        let layout = fitter.experiment.layout();
+        let terms = dictionary(layout);
+        Self::of_terms(
+            fitter,
+            terms.into_iter().map(|t| (Extra::Generic(t), t.columns(layout))).collect(),
+        )
+    }
+
+    /// A pool of extra terms.
+    pub fn of_terms(fitter: &Fitter, terms: Vec<(Extra, DMatrix<f64>)>) -> Self {
+        let entries = terms
+            .into_iter()
+            .map(|(kind, block)| {
+                // A step or bump is chosen from many places: its place counts as fitted.
+                let shape_parameters = match kind {
+                    Extra::Generic(Term { shape, .. }) => shape.places(),
+                    Extra::Form { .. } => 0,
+                };
+                (Who::Extra(kind), shape_parameters, block)
+            })
+            .collect();
+        Self::new(fitter, entries)
+    }
+
+    pub(super) fn project<'a>(
+        &'a self,
+        fitter: &'a Fitter,
+        fitted: &Fitted,
+        basis: &DMatrix<f64>,
+    ) -> Projected<'a> {
+        let top = fitter.space.whiten_top(&self.top, &fitted.noise);
+        let classes = &fitter.experiment.layout().classes;
+        let weights: Vec<f64> = fitted.noise.sigma_mm.iter().map(|s| 1.0 / (s * s)).collect();
+        let along = self.inner(&top, basis, classes, &weights);
+        Projected { pool: self, classes, top, along, weights }
+    }
+
+    /// Inner products of whitened vectors with all columns: the vectors carry the columns' weights.
+    fn inner(
+        &self,
+        top: &DMatrix<f64>,
+        vectors: &DMatrix<f64>,
+        classes: &[usize],
+        weights: &[f64],
+    ) -> DMatrix<f64> {
+        let mut inner = vectors.rows(0, top.nrows()).tr_mul(top);
+        if self.rest.ncols() > 0 {
+            let mut rest = vectors.rows(top.nrows(), self.rest.nrows()).into_owned();
+            for mut vector in rest.column_iter_mut() {
+                for (v, class) in vector.iter_mut().zip(classes) {
+                    *v *= weights[*class].sqrt();
+                }
+            }
+            let mut later = inner.columns_mut(self.rest_from, self.rest.ncols());
+            later += rest.tr_mul(&self.rest);
+        }
+        inner
+    }
+}
+
+/// All combinations of the grid values; linear parameters at zero.
+fn grid_points(parameters: &[Parameter]) -> Vec<Vec<f64>> {
+    let mut points = vec![Vec::new()];
+    for p in parameters {
+        let choices: &[f64] = if p.grid.is_empty() { &[0.0] } else { &p.grid };
+        points = points
+            .into_iter()
+            .flat_map(|point: Vec<f64>| {
+                choices.iter().map(move |v| [point.clone(), vec![*v]].concat())
+            })
+            .collect();
+    }
+    points
+}
