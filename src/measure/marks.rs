@@ -17,12 +17,12 @@ const TRIES: usize = 4;
 /// to lie about one do not say where it is.
 struct Limits {
     coverage: f64,
-    /// Its own form (rms) as a part of its radius.
+    /// Its own form (rms) as a part of its radius; less where less of it is seen.
     form: f64,
     /// The standard uncertainty of its centre as a part of its radius.
     doubt: f64,
 }
-const RING: Limits = Limits { coverage: 0.35, form: 0.04, doubt: 0.02 };
+const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02 };
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.12 };
 
 /// Ring, spot and what a user should know.
@@ -116,7 +116,7 @@ fn is_circle(ring: &Ring, limits: &Limits) -> bool {
     let radius_mm = ring.circle.radius;
     !glare
         && ring.arc_coverage >= limits.coverage
-        && ring.form_rms_mm < limits.form * radius_mm
+        && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
         && ring.center_covariance().trace().sqrt() < limits.doubt * radius_mm
 }
 
