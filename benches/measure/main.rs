@@ -50,7 +50,12 @@ fn tables() -> Result<()> {
     })?;
     match pivotsight::cv::one_thread() {
         Ok(()) => {
-            row("OpenCV: blur, Canny, contours, ellipses, told where", copy_ms, &burns, opencv::contours)?;
+            row(
+                "OpenCV: blur, Canny, contours, ellipses, told where",
+                copy_ms,
+                &burns,
+                opencv::contours,
+            )?;
             row("OpenCV: blur, HoughCircles, radii known to 10 %", copy_ms, &burns, opencv::hough)?;
         }
         Err(e) => println!("\nwithout OpenCV: {e}"),

@@ -6,13 +6,15 @@ mod coverage;
 mod discs;
 mod hostile;
 mod paint;
+mod peers;
 mod plate;
 mod stats;
 
 const USAGE: &str = "discs [RUNS]
 coverage burns|circles|rods [CASES] [SEED]
 hostile [CASES] [SEED]
-picture SORT SEED FILE    (writes one of the hostile pictures)";
+picture SORT SEED FILE    (writes one of the hostile pictures)
+discs-for-peers FOLDER [COUNT]    (for tools/peers/discs)";
 
 fn main() {
     let words: Vec<String> = std::env::args().skip(1).collect();
@@ -23,6 +25,11 @@ fn main() {
         "coverage" if coverage::table(word(1), number(2, 50), number(3, 1)) => {}
         "hostile" => hostile::table(number(1, 320), number(2, 1)),
         "picture" => hostile::one(word(1), number(2, 1), word(3)),
+        "discs-for-peers" => {
+            if let Err(e) = peers::write(word(1), number(2, 60)) {
+                println!("{e}");
+            }
+        }
         _ => println!("{USAGE}"),
     }
 }

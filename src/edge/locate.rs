@@ -1,8 +1,9 @@
 //! Finds the edge in every sector by matching its profile with the profile common to all of them.
 //!
-//! Sector k is modelled as a_k + g_k T(x0 + (1 + s_k)(d - δ_k - x0)): the common profile T, shifted by δ_k, on a level a_k, with a gain
+//! Sector k is modelled as a_k + g_k T(x) + h_k H(x) at x = x0 + (1 + s_k)(d - δ_k - x0): the common profile T, shifted by δ_k, on a level a_k, with a gain
 //! g_k, and made steeper by s_k about the edge at x0 (focus and rims vary along a real edge, and a clipped
-//! profile then leans). T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
+//! profile then leans). H fades away outside the edge: heat tint and shadow are stronger on one side than on the other, and where they
+//! are, the edge would seem to lie further out. T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to: on a clean picture that reaches the
 //! Cramer-Rao bound (free levels would cost half of the information), on a textured one it lets them float.
@@ -97,13 +98,14 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         gain: (1.0, 100.0),
         stretch: (0.0, 1e-4),
         shift: (0.0, 100.0 * far),
+        tail: (0.0, 1e-12 * range * range),
     };
     let mut priors = vec![nothing; n];
     let mut matches: Vec<Match> = Vec::new();
     let mut noise = Noise::white((0.05 * range).powi(2), template.values.len());
     let curve = Curve::new(n, closed);
     for round in 0..options.rounds {
-        let edge_px = template.edge().distance_px;
+        let edge = template.edge();
         matches = (0..n)
             .map(|s| {
                 if alive[s] == 0.0 {
@@ -117,7 +119,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                     }
                     _ => search(&sectors[s], &template, profiles),
                 };
-                fit_sector(&sectors[s], &template, edge_px, priors[s], &noise, start, profiles)
+                fit_sector(&sectors[s], &template, &edge, priors[s], &noise, start, profiles)
             })
             .collect();
         let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
@@ -141,16 +143,16 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         if alive.iter().sum::<f64>() < 6.0 {
             return None;
         }
-        noise.learn_sizes(&template, edge_px, &sectors, &matches, &alive);
+        noise.learn_sizes(&template, &edge, &sectors, &matches, &alive);
         noise.pixel2 = noise.pixel2.max(LEAST_NOISE * LEAST_NOISE * range * range);
         if round == 0 {
             noise.shape2.fill(0.0);
         } else {
-            noise.learn_correlation(&template, edge_px, &sectors, &matches, &alive);
+            noise.learn_correlation(&template, &edge, &sectors, &matches, &alive);
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if round + 1 < options.rounds {
-            rebuild(&mut template, edge_px, &sectors, &matches, &alive, &curve, &noise);
+            rebuild(&mut template, &edge, &sectors, &matches, &alive, &curve, &noise);
         }
     }
     let step = template.edge();
@@ -253,6 +255,13 @@ fn update_priors(
     } else {
         beyond(stretch_sd, median(&of(|m| m.stretch_variance), alive), 1e-6)
     };
+    let usual_tail = median(&of(|m| m.tail), alive);
+    let (tails, tail_sd) = curve.fit(&of(|m| m.tail), alive);
+    let tail_variance = if round == 0 {
+        0.01 * range * range
+    } else {
+        beyond(tail_sd, median(&of(|m| m.tail_variance), alive), (1e-4 * range).powi(2))
+    };
     // Wide enough for any real wander, but not for another edge.
     let known: Vec<f64> = alive
         .iter()
@@ -267,6 +276,7 @@ fn update_priors(
             level: (levels[s], level_variance),
             gain: (gains[s], gain_variance),
             stretch: (0.0, stretch_variance),
+            tail: (if round == 0 { 0.0 } else { tails[s] - usual_tail }, tail_variance),
         };
     }
 }
@@ -274,7 +284,7 @@ fn update_priors(
 /// The common profile again, from all usable sectors laid on top of each other.
 fn rebuild(
     template: &mut Template,
-    edge_px: f64,
+    edge: &Step,
     sectors: &[Vec<Bin>],
     matches: &[Match],
     alive: &[f64],
@@ -286,6 +296,9 @@ fn rebuild(
     let (smooth, sd, _) = curve.fit_order(2, &shifts, alive);
     // Shifts that are mostly noise would sharpen the profile on that noise: shrink them to the curve.
     let trust = (1.0 - median(&unsure, alive) / (sd * sd).max(1e-300)).clamp(0.0, 1.0);
+    // The tail that all sectors have is the common profile's.
+    let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
+    let usual_tail = median(&tails, alive);
     let n = template.values.len();
     let mut sum = vec![0.0; n];
     let mut weight = vec![0.0; n];
@@ -297,14 +310,14 @@ fn rebuild(
         let m = &matches[s];
         let shift = smooth[s] + trust * (m.shift - smooth[s]);
         for b in bins {
-            let x = edge_px + (1.0 + m.stretch) * (b.distance - shift - edge_px);
+            let x = Match { shift, ..*m }.place(b, edge);
             let place = (x - template.start_px) / template.step_px;
             let node = place.round();
             if node < 0.0 || node >= n as f64 {
                 continue;
             }
             let (old, slope) = template.at(x);
-            let y = (b.value - m.level) / m.gain;
+            let y = (b.value - m.level - (m.tail - usual_tail) * edge.tail(x)) / m.gain;
             let i = node as usize;
             let variance = noise.variance(b, i);
             let r = (y - old) * m.gain / variance.sqrt();

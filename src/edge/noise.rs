@@ -8,12 +8,13 @@
 
 use crate::edge::Template;
 use crate::edge::levels::median;
-use crate::edge::sector::{Bin, Match};
+use crate::edge::sector::{Bin, Match, PARAMETERS};
+use crate::edge::template::Step;
 
 /// Shares of the correlated part tried.
 const SHARES: [f64; 6] = [0.3, 0.5, 0.7, 0.85, 0.93, 0.98];
-/// Values in a row: those of the model's four columns and the residual.
-const WIDTH: usize = 5;
+/// Values in a row: those of the model's columns and the residual.
+const WIDTH: usize = PARAMETERS + 1;
 
 /// The model of the errors.
 #[derive(Debug, Clone)]
@@ -48,7 +49,7 @@ impl Noise {
     pub(super) fn learn_sizes(
         &mut self,
         template: &Template,
-        edge_px: f64,
+        edge: &Step,
         sectors: &[Vec<Bin>],
         matches: &[Match],
         alive: &[f64],
@@ -59,7 +60,7 @@ impl Noise {
         for (s, bins) in sectors.iter().enumerate().filter(|(s, _)| alive[*s] > 0.0) {
             for b in bins {
                 let i = template.node(b.distance - matches[s].shift);
-                sizes[i].push(matches[s].residual(b, template, edge_px).abs());
+                sizes[i].push(matches[s].residual(b, template, edge).abs());
                 counts[i] += b.count;
             }
         }
@@ -93,7 +94,7 @@ impl Noise {
     pub(super) fn learn_correlation(
         &mut self,
         template: &Template,
-        edge_px: f64,
+        edge: &Step,
         sectors: &[Vec<Bin>],
         matches: &[Match],
         alive: &[f64],
@@ -105,7 +106,7 @@ impl Noise {
             .iter()
             .step_by(every)
             .map(|&s| {
-                let row = |b: &Bin| (b.distance, matches[s].row(b, template, edge_px, self));
+                let row = |b: &Bin| (b.distance, matches[s].row(b, template, edge, self));
                 sectors[s].iter().map(row).collect()
             })
             .collect();
@@ -126,23 +127,24 @@ impl Noise {
     }
 }
 
-/// Restricted log likelihood of the residuals (scale known), each profile's own four parameters projected out.
+/// Restricted log likelihood of the residuals (scale known), each profile's own parameters projected out.
 fn likelihood(rows: &[Vec<(f64, [f64; WIDTH])>], share: f64, length_px: f64) -> f64 {
-    use nalgebra::{Matrix4, Vector4};
+    use nalgebra::{SMatrix, SVector};
     let mut sum = 0.0;
     for profile in rows {
         let mut filter = Filter::new(share, length_px);
-        let (mut normal, mut right) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
+        let mut normal = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut right = SVector::<f64, PARAMETERS>::zeros();
         let (mut squares, mut log_det) = (0.0, 0.0);
         for (at, row) in profile {
             let (row, variance) = filter.next(*at, *row);
-            let x = Vector4::new(row[0], row[1], row[2], row[3]);
+            let x = SVector::<f64, PARAMETERS>::from_column_slice(&row[..PARAMETERS]);
             normal += x * x.transpose();
-            right += x * row[4];
-            squares += row[4] * row[4];
+            right += x * row[PARAMETERS];
+            squares += row[PARAMETERS] * row[PARAMETERS];
             log_det += variance.ln();
         }
-        for i in 0..4 {
+        for i in 0..PARAMETERS {
             normal[(i, i)] *= 1.0 + 1e-9;
             normal[(i, i)] += 1e-12;
         }
@@ -150,7 +152,7 @@ fn likelihood(rows: &[Vec<(f64, [f64; WIDTH])>], share: f64, length_px: f64) -> 
         let left = squares - right.dot(&cholesky.solve(&right));
         let det = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         // One odd sector must not decide for all.
-        let dof = (profile.len() as f64 - 4.0).max(1.0);
+        let dof = (profile.len() as f64 - PARAMETERS as f64).max(1.0);
         let scale = (left / dof).max(1e-12);
         sum += -0.5 * (dof * scale.ln() + log_det + det);
     }

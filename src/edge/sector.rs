@@ -1,7 +1,11 @@
 //! One sector's profile matched with the common one.
 
 use crate::edge::noise::Noise;
+use crate::edge::template::Step;
 use crate::edge::{Profiles, Template};
+
+/// Parameters of a sector: level, gain, shift, stretch and tail.
+pub(super) const PARAMETERS: usize = 5;
 
 /// One sector's model.
 #[derive(Clone, Copy)]
@@ -10,10 +14,12 @@ pub(super) struct Match {
     pub(super) gain: f64,
     pub(super) shift: f64,
     pub(super) stretch: f64,
+    pub(super) tail: f64,
     pub(super) shift_variance: f64,
     pub(super) level_variance: f64,
     pub(super) gain_variance: f64,
     pub(super) stretch_variance: f64,
+    pub(super) tail_variance: f64,
     pub(super) misfit: f64,
     /// The shift as the profile alone has it, without its prior, and its variance.
     pub(super) measured: (f64, f64),
@@ -21,16 +27,23 @@ pub(super) struct Match {
 
 impl Match {
     /// What the match leaves over of a bin's value.
-    pub(super) fn residual(&self, b: &Bin, template: &Template, edge_px: f64) -> f64 {
-        let from_edge = b.distance - self.shift - edge_px;
-        b.value - self.level - self.gain * template.at(edge_px + (1.0 + self.stretch) * from_edge).0
+    pub(super) fn residual(&self, b: &Bin, template: &Template, edge: &Step) -> f64 {
+        let place = self.place(b, edge);
+        b.value - self.level - self.gain * template.at(place).0 - self.tail * edge.tail(place)
     }
 
-    /// Slopes of the model in level, gain, shift and stretch.
-    fn columns(&self, b: &Bin, template: &Template, edge_px: f64) -> [f64; 4] {
-        let from_edge = b.distance - self.shift - edge_px;
-        let (t, slope) = template.at(edge_px + (1.0 + self.stretch) * from_edge);
-        [1.0, t, -self.gain * slope * (1.0 + self.stretch), self.gain * slope * from_edge]
+    /// Where a bin falls on the common profile.
+    pub(super) fn place(&self, b: &Bin, edge: &Step) -> f64 {
+        edge.distance_px + (1.0 + self.stretch) * (b.distance - self.shift - edge.distance_px)
+    }
+
+    /// Slopes of the model in level, gain, shift, stretch and tail.
+    fn columns(&self, b: &Bin, template: &Template, edge: &Step) -> [f64; PARAMETERS] {
+        let from_edge = b.distance - self.shift - edge.distance_px;
+        let place = self.place(b, edge);
+        let (t, slope) = template.at(place);
+        let steep = self.gain * slope;
+        [1.0, t, -steep * (1.0 + self.stretch), steep * from_edge, edge.tail(place)]
     }
 
     /// Slopes and residual in standard deviations of the bin.
@@ -38,22 +51,24 @@ impl Match {
         &self,
         b: &Bin,
         template: &Template,
-        edge_px: f64,
+        edge: &Step,
         noise: &Noise,
-    ) -> [f64; 5] {
+    ) -> [f64; PARAMETERS + 1] {
         let weight = 1.0 / noise.variance(b, template.node(b.distance - self.shift)).sqrt();
-        let [a, g, d, e] = self.columns(b, template, edge_px);
-        [a, g, d, e, self.residual(b, template, edge_px)].map(|v| v * weight)
+        let mut row = [self.residual(b, template, edge); PARAMETERS + 1];
+        row[..PARAMETERS].copy_from_slice(&self.columns(b, template, edge));
+        row.map(|v| v * weight)
     }
 }
 
-/// Prior of a sector's level, gain and stretch: mean and variance.
+/// Priors of a sector's parameters: mean and variance.
 #[derive(Clone, Copy)]
 pub(super) struct Prior {
     pub(super) level: (f64, f64),
     pub(super) gain: (f64, f64),
     pub(super) stretch: (f64, f64),
     pub(super) shift: (f64, f64),
+    pub(super) tail: (f64, f64),
 }
 
 pub(super) const NO_MATCH: Match = Match {
@@ -61,7 +76,9 @@ pub(super) const NO_MATCH: Match = Match {
     gain: 0.0,
     shift: 0.0,
     stretch: 0.0,
+    tail: 0.0,
     stretch_variance: f64::INFINITY,
+    tail_variance: f64::INFINITY,
     shift_variance: f64::INFINITY,
     level_variance: f64::INFINITY,
     gain_variance: f64::INFINITY,
@@ -116,38 +133,47 @@ pub(super) fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> 
     best.1
 }
 
-/// Gauss-Newton for one sector's level, gain, shift and stretch.
+/// Gauss-Newton for one sector's parameters.
 pub(super) fn fit_sector(
     bins: &[Bin],
     template: &Template,
-    edge_px: f64,
+    edge: &Step,
     prior: Prior,
     noise: &Noise,
     start: f64,
     profiles: &Profiles,
 ) -> Match {
-    use nalgebra::{Matrix4, Vector4};
+    use nalgebra::{SMatrix, SVector};
     let reach = 0.5 * (profiles.band.inside_px + profiles.band.outside_px);
-    let mut p = Vector4::new(prior.level.0, prior.gain.0, start, prior.stretch.0);
-    let mut inverse = Matrix4::zeros();
+    let held = [prior.level, prior.gain, prior.shift, prior.stretch, prior.tail];
+    let mut p = SVector::<f64, PARAMETERS>::from(held.map(|h| h.0));
+    p[2] = start;
+    let of = |p: &SVector<f64, PARAMETERS>| Match {
+        level: p[0],
+        gain: p[1],
+        shift: p[2],
+        stretch: p[3],
+        tail: p[4],
+        ..NO_MATCH
+    };
+    let mut inverse = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
     for _ in 0..8 {
-        let mut normal = Matrix4::<f64>::zeros();
-        let mut right = Vector4::<f64>::zeros();
-        let now = Match { level: p[0], gain: p[1], shift: p[2], stretch: p[3], ..NO_MATCH };
+        let mut normal = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+        let mut right = SVector::<f64, PARAMETERS>::zeros();
+        let now = of(&p);
         let mut filter = noise.filter();
         for b in bins {
-            let (row, _) = filter.next(b.distance, now.row(b, template, edge_px, noise));
-            let x = Vector4::new(row[0], row[1], row[2], row[3]);
+            let (row, _) = filter.next(b.distance, now.row(b, template, edge, noise));
+            let x = SVector::<f64, PARAMETERS>::from_column_slice(&row[..PARAMETERS]);
             normal += x * x.transpose();
-            right += x * row[4];
+            right += x * row[PARAMETERS];
         }
-        let held = [prior.level, prior.gain, prior.shift, prior.stretch];
         for (i, (mean, variance)) in held.into_iter().enumerate() {
             normal[(i, i)] += 1.0 / variance;
             right[i] += (mean - p[i]) / variance;
         }
-        let Some(solved) = normal.try_inverse() else { return NO_MATCH };
-        inverse = solved;
+        let Some(solved) = normal.cholesky() else { return NO_MATCH };
+        inverse = solved.inverse();
         let mut step = inverse * right;
         // Far steps leave the range in which the slope means anything.
         let limit = 0.25 * reach;
@@ -161,23 +187,21 @@ pub(super) fn fit_sector(
             break;
         }
     }
-    let last = Match { level: p[0], gain: p[1], shift: p[2], stretch: p[3], ..NO_MATCH };
+    let last = of(&p);
     let mut filter = noise.filter();
     let misfit: f64 = bins
         .iter()
-        .map(|b| filter.next(b.distance, last.row(b, template, edge_px, noise)).0[4].powi(2))
+        .map(|b| filter.next(b.distance, last.row(b, template, edge, noise)).0[PARAMETERS].powi(2))
         .sum();
     Match {
-        level: p[0],
-        gain: p[1],
-        shift: p[2],
-        stretch: p[3],
         level_variance: inverse[(0, 0)],
         gain_variance: inverse[(1, 1)],
         shift_variance: inverse[(2, 2)],
         stretch_variance: inverse[(3, 3)],
+        tail_variance: inverse[(4, 4)],
         misfit: misfit / (bins.len() as f64 - 4.0).max(1.0),
         measured: without((p[2], inverse[(2, 2)]), prior.shift),
+        ..last
     }
 }
 

@@ -85,6 +85,8 @@ impl Template {
     /// The strongest edge near distance 0 as a step: the levels either side, where it crosses the middle between them, and its
     /// softness (standard deviation of the Gaussian with the same peak slope).
     pub fn edge(&self) -> Step {
+        /// Softnesses from its middle at which an edge has risen.
+        const RISEN: f64 = 2.6;
         let n = self.values.len();
         let slope: Vec<f64> =
             (0..n).map(|i| self.at(self.start_px + self.step_px * i as f64).1).collect();
@@ -110,20 +112,27 @@ impl Template {
         while hi + 1 < n && slope[hi + 1] * sign > floor {
             hi += 1;
         }
+        let softness = |rise: f64| {
+            rise.abs() / (slope[peak].abs().max(1e-300) * (2.0 * std::f64::consts::PI).sqrt())
+        };
+        let crossing_px = |lo: usize, hi: usize| {
+            let half = 0.5 * (self.values[lo] + self.values[hi]);
+            let at = (lo..hi).find_map(|i| {
+                let (a, b) = (self.values[i] - half, self.values[i + 1] - half);
+                (a * b <= 0.0 && a != b).then(|| i as f64 + a / (a - b))
+            });
+            self.start_px + self.step_px * at.unwrap_or(peak as f64)
+        };
         let (inner, outer) = (self.values[lo], self.values[hi]);
-        let half = 0.5 * (inner + outer);
-        let mut at = peak as f64;
-        for i in lo..hi {
-            let (a, b) = (self.values[i] - half, self.values[i + 1] - half);
-            if a * b <= 0.0 && a != b {
-                at = i as f64 + a / (a - b);
-                break;
-            }
+        let (distance_px, softness_px) = (crossing_px(lo, hi), softness(outer - inner));
+        // A heat tint or a shadow beside the edge goes on sloping: the rim's own levels are where it has risen.
+        for _ in 0..3 {
+            let reach = RISEN * softness(self.values[hi] - self.values[lo]) / self.step_px;
+            let reach = (reach.ceil() as usize).max(1);
+            lo = lo.max(peak.saturating_sub(reach));
+            hi = hi.min(peak + reach);
         }
-        let contrast = outer - inner;
-        let softness_px =
-            contrast.abs() / (slope[peak].abs().max(1e-300) * (2.0 * std::f64::consts::PI).sqrt());
-        Step { distance_px: self.start_px + at * self.step_px, inner, outer, softness_px }
+        Step { distance_px, rim_px: crossing_px(lo, hi), inner, outer, softness_px }
     }
 }
 
@@ -132,6 +141,8 @@ impl Template {
 pub struct Step {
     /// Where it crosses the middle between its levels.
     pub distance_px: f64,
+    /// Where it crosses the middle between the levels close by, which a tint or shadow beside it moves less.
+    pub rim_px: f64,
     /// Level on the inside.
     pub inner: f64,
     /// Level on the outside.
@@ -141,6 +152,14 @@ pub struct Step {
 }
 
 impl Step {
+    /// What fades away outside the edge: as the step itself rises, then over a few softnesses.
+    pub(super) fn tail(&self, distance_px: f64) -> f64 {
+        const FADES_OVER: f64 = 4.0;
+        let from_edge = (distance_px - self.distance_px) / self.softness_px.max(0.5);
+        // A logistic with the slope of the Gaussian edge.
+        1.0 / (1.0 + (-1.6 * from_edge).exp()) * (-from_edge.max(0.0) / FADES_OVER).exp()
+    }
+
     /// Outer minus inner level.
     pub fn contrast(&self) -> f64 {
         self.outer - self.inner

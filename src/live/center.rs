@@ -388,6 +388,7 @@ fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
         contrast: 0.0,
         noise: 0.0,
         softness_px: 2.0,
+        blur_mm: 0.0,
         clipped_inside: false,
         wander: Default::default(),
         trace: seen.points.iter().map(|p| (p.pixel, p.used)).collect(),

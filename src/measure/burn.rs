@@ -189,6 +189,7 @@ fn report(
     channel: Channel,
     warnings: Vec<String>,
 ) -> Measured {
+    let (ring, spot) = (ring.soft_by_itself(), spot.soft_by_itself());
     let offset: Vector2<f64> = spot.circle.center - ring.circle.center;
     let covariance: Matrix2<f64> = ring.center_covariance() + spot.center_covariance();
     let dof = ring.dof.min(spot.dof);

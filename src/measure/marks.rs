@@ -13,8 +13,17 @@ use crate::measure::ring::{self, Ring, Search};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
-/// A circle's own form (rms) may be this part of its radius: a burn may be ragged, a glare's border is no circle.
-const MOST_FORM: f64 = 0.1;
+/// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
+/// to lie about one do not say where it is.
+struct Limits {
+    coverage: f64,
+    /// Its own form (rms) as a part of its radius; less where less of it is seen.
+    form: f64,
+    /// The standard uncertainty of its centre as a part of its radius.
+    doubt: f64,
+}
+const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02 };
+const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.12 };
 
 /// Ring, spot and what a user should know.
 pub(super) type Marks = (Ring, Ring, Vec<String>);
@@ -49,7 +58,7 @@ pub(super) fn measure(
             continue;
         }
         if near_mm.is_none()
-            && let Some(other) = second_burn(&rings, outer)
+            && let Some(other) = second_burn(&look, &rings, outer)
         {
             return Err(two_burns(subject, outer, other));
         }
@@ -101,13 +110,14 @@ fn is_steady(c: &Candidate) -> bool {
     c.scatter_px < 0.035 * c.circle.radius + 4.0 && c.step.abs() > 0.0
 }
 
-/// Whether what was measured is a circle with some ragged edge rather than something else: enough of it seen, and
-/// its own form small beside its radius.
-fn is_circle(ring: &Ring, least_coverage: f64) -> bool {
+/// Whether what was measured is a circle with some ragged edge rather than something else.
+fn is_circle(ring: &Ring, limits: &Limits) -> bool {
     let glare = ring.clipped_inside && ring.arc_coverage < 0.95;
+    let radius_mm = ring.circle.radius;
     !glare
-        && ring.arc_coverage >= least_coverage
-        && ring.form_rms_mm < MOST_FORM * ring.circle.radius
+        && ring.arc_coverage >= limits.coverage
+        && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
+        && ring.center_covariance().trace().sqrt() < limits.doubt * radius_mm
 }
 
 /// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
@@ -118,7 +128,7 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
         all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
     list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     let mut rings: Vec<Candidate> = Vec::new();
-    for c in list.iter().take(8) {
+    for c in list.iter().take(16) {
         // A halo is much fainter than the ring it surrounds.
         let outermost = all
             .iter()
@@ -173,15 +183,25 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
     spots
 }
 
-/// Another ring beside this one of nearly the same standing.
-fn second_burn<'a>(rings: &'a [Candidate], first: &Candidate) -> Option<&'a Candidate> {
+/// Another ring beside this one, of nearly the same standing or with a spot of its own.
+fn second_burn<'a>(
+    look: &Look,
+    rings: &'a [Candidate],
+    first: &Candidate,
+) -> Option<&'a Candidate> {
     rings.iter().find(|r| {
         let apart = (r.circle.center - first.circle.center).norm();
-        apart > 0.9 * (r.circle.radius + first.circle.radius)
+        let other = apart > 0.9 * (r.circle.radius + first.circle.radius)
             && (0.6..1.7).contains(&(r.circle.radius / first.circle.radius))
-            && r.score > 0.6 * first.score
-            && r.coverage > 0.8
-            && r.scatter_px < 2.0 * first.scatter_px + 2.0
+            && r.scatter_px < 2.0 * first.scatter_px + 2.0;
+        let rivals = r.score > 0.6 * first.score && r.coverage > 0.8;
+        let has_spot = || {
+            let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
+            r.score > 0.2 * first.score
+                && r.coverage > 0.7
+                && spot_candidates(look, r).first().is_some_and(spot)
+        };
+        other && (rivals || has_spot())
     })
 }
 
@@ -194,7 +214,7 @@ fn measure_ring(
 ) -> Option<Ring> {
     let mut others = edges.to_vec();
     others.push(spot);
-    let good = |ring: &Ring| is_circle(ring, 0.35);
+    let good = |ring: &Ring| is_circle(ring, &RING);
     let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
     let inner = inner_edge(outer, edges)
         .and_then(|c| measure_candidate(frame, view, &c, &others))
@@ -247,7 +267,7 @@ fn measure_spot(
         softness_px: spot.softness_px.max(1.5),
     };
     let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
-    let plausible = is_circle(&spot, 0.5)
+    let plausible = is_circle(&spot, &SPOT)
         && spot.circle.radius < 0.6 * ring.circle.radius
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
         && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;

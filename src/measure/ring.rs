@@ -61,6 +61,8 @@ pub struct Ring {
     pub noise: f64,
     /// Softness of the edge, px.
     pub softness_px: f64,
+    /// What was added to the radius because a blurred disc's half level lies inside its rim, mm.
+    pub blur_mm: f64,
     /// Whether the inside is as bright as the camera can tell: glare, if the circle is not whole.
     pub clipped_inside: bool,
     /// What the edge teaches about how edges wander on this part.
@@ -72,6 +74,22 @@ pub struct Ring {
 }
 
 impl Ring {
+    /// The same for a mark whose edge is soft by itself: only as much blur as a lens in focus has is corrected. Which
+    /// part of the softness is the lens', and where in it the mark ends, is not known: the radius is as uncertain.
+    pub fn soft_by_itself(mut self) -> Self {
+        const LENS_PX: f64 = 1.5;
+        /// A tinted edge's middle may be out of place by this part of its softness (standard deviation).
+        const TINTED: f64 = 0.18;
+        let softness_mm = (2.0 * self.circle.radius * self.blur_mm).max(0.0).sqrt();
+        let lens = (LENS_PX / self.softness_px).min(1.0);
+        let own_mm = self.blur_mm * (1.0 - lens * lens);
+        let tinted_mm = TINTED * softness_mm * (1.0 - lens);
+        self.circle.radius -= own_mm;
+        self.blur_mm -= own_mm;
+        self.covariance[(2, 2)] += own_mm * own_mm / 3.0 + tinted_mm * tinted_mm;
+        self
+    }
+
     /// Covariance of the centre, mm².
     pub fn center_covariance(&self) -> Matrix2<f64> {
         self.covariance.fixed_view::<2, 2>(0, 0).into()
@@ -244,8 +262,7 @@ fn finish(
         .collect();
     let rows = group_rows(points, &weights, about, GROUPS);
     let fit = correlated::fit(&rows, known)?;
-    let step = Vector2::new(fit.beta[0], fit.beta[1]);
-    let center = about.center + step;
+    let center = about.center + Vector2::new(fit.beta[0], fit.beta[1]);
     // Faint sectors are noise more than form: they count by what they know.
     let known: f64 = rows.variance.iter().map(|v| 1.0 / v).sum();
     let form =
@@ -253,14 +270,18 @@ fn finish(
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     // A blurred disc's half level lies σ²/2R inside its rim.
     let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
+    let step = points.located.step;
+    let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
+    // How far a lopsided edge's rim is inside of it is a matter of definition.
+    covariance[(2, 2)] += tint_mm * tint_mm / 3.0;
     let soft_mm = SOFT_EDGE * (points.located.step.softness_px - 3.0).max(0.0) * pixel_mm;
     covariance[(0, 0)] += soft_mm * soft_mm;
     covariance[(1, 1)] += soft_mm * soft_mm;
     let used = weights.iter().filter(|w| **w > 0.0).count();
     Some(Ring {
-        circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm },
+        circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm + tint_mm },
         covariance,
         dof: fit.dof,
         center_px: view.to_pixel(center),
@@ -270,6 +291,7 @@ fn finish(
         contrast: points.located.step.contrast(),
         noise: points.located.noise,
         softness_px: points.located.step.softness_px,
+        blur_mm,
         clipped_inside: points.clipped_inside,
         wander: fit.wander,
         trace: points.place_px.iter().zip(&weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
