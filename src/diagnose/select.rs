@@ -10,7 +10,7 @@ use crate::diagnose::pool::{Pool, Who};
 use crate::diagnose::score::{Score, Standing, effective_tests};
 
 /// Chance of any false name where nothing is hidden.
-const ALPHA_LIBRARY: f64 = 0.006;
+const ALPHA_LIBRARY: f64 = 0.005;
 /// Chance of any false generic term where nothing is hidden.
 const ALPHA_GENERIC: f64 = 0.001;
 /// A generic shape must be this much more likely than a library effect to be preferred, nats.
