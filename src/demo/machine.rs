@@ -84,7 +84,7 @@ impl VirtualMachine {
     pub fn photograph_rod(&self) -> Result<RenderedRod> {
         let mut scene = RodScene::preset(Preset::Typical)?;
         scene.camera = scene.camera.binned(2);
-        scene.rod.chamfer_mm = 0.0.into();
+        scene.rod.chamfer_mm = 0.3.into();
         scene.rod.diameter_mm = self.rod_diameter_mm.into();
         scene.axis.center_mm = [self.axis_mm[0].into(), self.axis_mm[1].into()];
         scene.axis.eccentricity_mm = self.eccentricity.0.into();

@@ -12,6 +12,10 @@ use crate::fit::circle::tukey;
 /// A slope under this many of its own standard deviations is not taken out.
 const SURE: f64 = 4.0;
 
+/// Logarithms of neighbouring sectors' levels that differ by more than this, in the median, are noise: no light falls
+/// off so fast along a mark.
+const BLACK: f64 = 0.1;
+
 /// One level of one sector: place, side, logarithm.
 struct Level {
     row: Vector4<f64>,
@@ -23,7 +27,10 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
     if !contour.closed {
         return;
     }
-    let levels = levels(profiles, contour, 2.5 * softness_px);
+    let mut levels = levels(profiles, contour, 2.5 * softness_px);
+    for inside in [true, false] {
+        drop_if_black(&mut levels, inside);
+    }
     let Some(slope) = slope(&levels) else { return };
     for s in 0..profiles.sectors() {
         for i in profiles.range(s) {
@@ -33,6 +40,20 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
                 profiles.value[i] /= light.max(0.2) as f32;
             }
         }
+    }
+}
+
+/// Leaves out a side whose levels are so near black that their logarithms are mostly noise.
+fn drop_if_black(levels: &mut Vec<Level>, inside: bool) {
+    let of_side = |l: &Level| (l.row[0] > 0.0) == inside;
+    let logs: Vec<f64> = levels.iter().filter(|l| of_side(l)).map(|l| l.log).collect();
+    let mut steps: Vec<f64> = logs.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+    if steps.is_empty() {
+        return;
+    }
+    let middle = steps.len() / 2;
+    if *steps.select_nth_unstable_by(middle, f64::total_cmp).1 > BLACK {
+        levels.retain(|l| !of_side(l));
     }
 }
 
@@ -65,7 +86,7 @@ fn levels(profiles: &Profiles, contour: &Contour, clear_px: f64) -> Vec<Level> {
 
 /// The slope per pixel, where it is sure.
 fn slope(levels: &[Level]) -> Option<Vector2<f64>> {
-    if levels.len() < 48 {
+    if levels.len() < 24 {
         return None;
     }
     let mut weights = vec![1.0; levels.len()];
