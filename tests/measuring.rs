@@ -108,6 +108,16 @@ fn bad_input_is_named_and_nothing_is_written() {
     });
     plate.save(at("plate.png")).unwrap();
     std::fs::write(at("scale.toml"), "schema = 1\n[scale]\nmm_per_px = 0.01\n").unwrap();
+    // The captures of a rod, and one at another table angle that shows nothing.
+    let rod = image("rod-typical");
+    let table = std::fs::read_to_string(format!("{rod}/rod-0001.csv")).unwrap();
+    let seen = table.lines().skip(1).map(|line| format!("{rod}/{line}\n")).collect::<String>();
+    let place = table.lines().nth(1).unwrap().split(',').skip(1).take(2).collect::<Vec<_>>();
+    let blank = format!("{},{},90", at("blank.png"), place.join(","));
+    std::fs::write(at("blank.csv"), format!("image,x_mm,y_mm,c_deg\n{seen}{blank}\n")).unwrap();
+    let (width, height) = image::image_dimensions(format!("{rod}/rod-0001-01.png")).unwrap();
+    image::GrayImage::from_pixel(width, height, image::Luma([30])).save(at("blank.png")).unwrap();
+    let rod_calib = format!("{rod}/calib.toml");
     let out = at("result.json");
     for (args, words) in [
         (vec!["burn", "missing.png", "--calib", &calib], "missing.png"),
@@ -121,6 +131,7 @@ fn bad_input_is_named_and_nothing_is_written() {
         (vec!["circles", &good, "--calib", &calib, "--expect-mm", "2300"], "--expect-mm"),
         (vec!["rod", &at("nan.csv"), "--calib", &calib], "nan.csv:3"),
         (vec!["rod", &at("column.csv"), "--calib", &calib], "y_mm"),
+        (vec!["rod", &at("blank.csv"), "--calib", &rod_calib], "C = 90°"),
     ] {
         let mut all = args.clone();
         all.extend(["--out", &out]);

@@ -102,10 +102,11 @@ pub(super) fn rim(
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
-        let own = sights.iter().filter(|s| s.angle == a).collect();
+        let own: Vec<&Sight> = sights.iter().filter(|s| s.angle == a).collect();
+        // An angle that shows nothing at all is refused by name when its edges are followed.
+        let alone = angles == 1 || own.is_empty();
         let search = Search { bin_mm, sights: own };
-        let shift = if angles > 1 { search.recentre(shift, &edges) } else { shift };
-        about.center + shift
+        about.center + if alone { shift } else { search.recentre(shift, &edges) }
     });
     Some(Found {
         centers: centers.collect(),
