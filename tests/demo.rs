@@ -3,7 +3,7 @@
 
 #![allow(clippy::unwrap_used)] // a test that cannot go on should stop
 
-use pivotsight::demo::{Options, run};
+use pivotsight::demo::{Options, run, run_hidden};
 use pivotsight::uncertainty::Verdict;
 
 #[test]
@@ -27,4 +27,21 @@ fn both_signs_of_every_error_are_corrected_and_the_machine_is_found() {
         assert!(report.rtcp_after_mm < 0.01 * report.rtcp_before_mm, "{report:#?}");
     }
     assert_eq!(signs, [true; 2], "the seeds show both signs of B's error");
+}
+
+#[test]
+fn a_hidden_effect_is_named_from_pictures_and_the_corrected_model_agrees() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = run_hidden(&Options { seed: 3, folder: folder.path().to_owned() }).unwrap();
+    assert!(report.found, "{report:#?}");
+    assert_eq!(report.named, [report.hidden.clone()]);
+    let g = &report.gap;
+    let excess = |rms: f64| rms * rms - g.noise_rms_mm * g.noise_rms_mm;
+    assert!(
+        excess(g.heldout_after_rms_mm) < 0.1 * excess(g.heldout_before_rms_mm),
+        "the gap closes on captures the fit has not seen: {g:?}"
+    );
+    for file in ["rod-01.png", "corrected.toml", "before/over-dir_y.svg", "after/index.html"] {
+        assert!(folder.path().join(file).exists(), "{file}");
+    }
 }

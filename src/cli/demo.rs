@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use super::{Global, Outcome, Status, result};
-use crate::demo::{self, Report};
+use crate::demo::{self, HiddenReport, Report};
 use crate::error::Result;
 use crate::output::Document;
 
@@ -17,16 +17,73 @@ pub struct Args {
     /// Draws another machine
     #[arg(long, default_value_t = 3)]
     seed: u64,
+    /// A machine with an effect its model lacks: photograph, measure, diagnose, correct the model
+    #[arg(long)]
+    hidden_effect: bool,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let options = demo::Options { seed: args.seed, folder: args.out_dir.clone() };
+    if args.hidden_effect {
+        return run_hidden(args, &options, global);
+    }
     global.say("a virtual machine is burnt, photographed, measured and corrected ...");
-    let report = demo::run(&demo::Options { seed: args.seed, folder: args.out_dir.clone() })?;
+    let report = demo::run(&options)?;
     let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
     let json = result("demo", input, &[], &report);
     let status = if report.closed { Status::Good } else { Status::OutOfTolerance };
     Ok(Outcome { document: Some(Document::single(json, story(&report, args))), status })
+}
+
+fn run_hidden(args: &Args, options: &demo::Options, global: &Global) -> Result<Outcome> {
+    global.say("a check rod is photographed on a machine whose model lacks an effect ...");
+    let report = demo::run_hidden(options)?;
+    let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
+    let json = result("demo", input, &[], &report);
+    let status = if report.found { Status::Good } else { Status::OutOfTolerance };
+    Ok(Outcome { document: Some(Document::single(json, hidden_story(&report, args))), status })
+}
+
+/// The hidden effect's report for people.
+fn hidden_story(r: &HiddenReport, args: &Args) -> String {
+    let um = |mm: f64| 1000.0 * mm;
+    let mut s = String::new();
+    let _ = writeln!(
+        s,
+        "Hidden in the machine: {}, {:.2} µm wide; the model knows nothing of it",
+        r.hidden,
+        um(r.true_width_mm)
+    );
+    let _ =
+        writeln!(s, "{} pictures of the rod, measured and compared with the model:", r.captures);
+    let _ = writeln!(s, "  verdict  {}: {}", r.verdict.word(), r.named.join(", "));
+    if let (Some(width), Some(u95)) = (r.found_width_mm, r.found_width_u95_mm) {
+        let _ = writeln!(s, "  {:<8} {:.2} ± {:.2} µm", r.hidden, um(width), um(u95));
+    }
+    let g = &r.gap;
+    let _ = writeln!(
+        s,
+        "  gap      {:.2} -> {:.2} µm rms; on captures held out {:.2} -> {:.2} µm; noise {:.2} µm",
+        um(g.before_rms_mm),
+        um(g.after_rms_mm),
+        um(g.heldout_before_rms_mm),
+        um(g.heldout_after_rms_mm),
+        um(g.noise_rms_mm)
+    );
+    let _ = writeln!(
+        s,
+        "The model corrected (corrected.toml) and compared again:\n  verdict  {}; gap {:.2} µm rms",
+        r.verdict_corrected.word(),
+        um(r.rms_corrected_mm)
+    );
+    let _ = writeln!(
+        s,
+        "{}; pictures, before/index.html and after/index.html in {}",
+        if r.found { "The effect is found" } else { "The effect is NOT found" },
+        args.out_dir.display()
+    );
+    s
 }
 
 /// The report for people.

@@ -3,6 +3,7 @@
 
 use nalgebra::Vector2;
 use rand::RngExt;
+use rand::seq::SliceRandom;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -19,6 +20,8 @@ pub const NOZZLE_RIM_MM: f64 = 2.5;
 pub const CONTACT_U_MM: f64 = 0.001;
 /// C angles at which the rod is photographed; contacts are made at the first.
 pub const C_ANGLES_DEG: [f64; 3] = [0.0, 120.0, 240.0];
+/// C angles for a diagnosis: irregular, so that no harmonic repeats on them.
+const MANY_C_ANGLES_DEG: [f64; 9] = [0.0, 43.0, 77.0, 121.0, 160.0, 203.0, 248.0, 281.0, 322.0];
 
 /// What is true of the machine.
 #[derive(Debug, Clone)]
@@ -82,6 +85,11 @@ impl VirtualMachine {
 
     /// Photographs the check rod's rim, four times at each C angle.
     pub fn photograph_rod(&self) -> Result<RenderedRod> {
+        rod::render(&self.rod_scene()?, self.seed)
+    }
+
+    /// The rod as it stands on the machine.
+    fn rod_scene(&self) -> Result<RodScene> {
         let mut scene = RodScene::preset(Preset::Typical)?;
         scene.camera = scene.camera.binned(2);
         scene.rod.chamfer_mm = 0.3.into();
@@ -92,7 +100,19 @@ impl VirtualMachine {
         scene.captures.c_deg = C_ANGLES_DEG.to_vec();
         scene.captures.per_angle = 4.0.into();
         scene.captures.position_noise_mm = 0.0003.into();
-        rod::render(&scene, self.seed)
+        Ok(scene)
+    }
+
+    /// Photographs the check rod, set up true on the C axis, at many C angles in random order.
+    pub fn photograph_many(&self) -> Result<RenderedRod> {
+        let mut scene = self.rod_scene()?;
+        scene.axis.eccentricity_mm = 0.0.into();
+        // A rod as round as the pictures can see: its form would be found, and would want a name too.
+        scene.rod.form_rms_mm = 0.0.into();
+        scene.captures.c_deg = MANY_C_ANGLES_DEG.to_vec();
+        let mut rendered = rod::render(&scene, self.seed)?;
+        rendered.captures.shuffle(&mut stream_rng(self.seed, 79));
+        Ok(rendered)
     }
 
     /// Machine X at which the nozzle, told to stand at `b_deg`, touches the rod; the rod stands at

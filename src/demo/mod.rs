@@ -1,6 +1,7 @@
 //! The whole method on a virtual machine: burn, photograph, measure, correct, burn again; photograph the
 //! rod, touch it, solve. What is measured is compared with what is true only at the end.
 
+mod hidden;
 mod machine;
 
 use std::path::PathBuf;
@@ -15,6 +16,7 @@ use crate::output::{create_folder, write_whole};
 use crate::rtcp::solve::{Readings, Solved, solve};
 use crate::uncertainty::{K95, Measured, Verdict};
 
+pub use hidden::{HiddenReport, run_hidden};
 pub use machine::VirtualMachine;
 use machine::{BURN_HEIGHTS_MM, CONTACT_U_MM, NOZZLE_RIM_MM};
 
