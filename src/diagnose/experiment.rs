@@ -107,6 +107,8 @@ pub struct Layout {
     pub variables: Vec<Variable>,
     /// Random parts shared within a capture: components, each of one or more columns.
     pub random: Vec<Vec<Vec<f64>>>,
+    /// Angle on the artefact at which each value was seen; empty where there is no rim to have a form of its own.
+    pub rim_deg: Vec<f64>,
 }
 
 impl Layout {

@@ -196,7 +196,12 @@ impl Fitter<'_> {
             let (residual, tangent) = self.linearise(&model);
             let split_tangent = self.space.split(&tangent);
             let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
-            noise = self.space.estimate(&split_tangent, &self.space.split(&column), self.given_mm);
+            noise = self.space.estimate(
+                &split_tangent,
+                &self.space.split(&column),
+                self.given_mm,
+                Some(&noise),
+            );
             if round == 1 || noise.ratios.is_empty() {
                 // Without shared parts the weights do not depend on the noise: one round is enough.
                 return self.finish(model, residual, tangent, noise);
@@ -236,7 +241,7 @@ impl Fitter<'_> {
         // The start is taken out linearly: it may be far from the data.
         let basis = orthonormal(&tangent, 1e-9);
         y -= &basis * basis.tr_mul(&y);
-        self.space.estimate(&tangent, &y, self.given_mm)
+        self.space.estimate(&tangent, &y, self.given_mm, None)
     }
 
     fn minimise(&self, model: Model, noise: &Noise, max_steps: usize) -> Model {

@@ -19,6 +19,7 @@ pub mod parts;
 pub mod plan;
 pub mod pool;
 pub mod report;
+mod rim;
 pub mod run;
 pub mod score;
 pub mod select;

@@ -106,6 +106,7 @@ fn pairs(
     let space = Space::new(layout, &vec![true; layout.values.len()]);
     let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
     let before = layout.group_count() - proposals.len();
+    let noise = f.noise.without_rim(&fitter.space);
     let named = experiment.predict(&f.model.nuisances, &f.model.active);
     let mut list = Vec::new();
     for (i, class) in classes.iter().enumerate() {
@@ -120,8 +121,8 @@ fn pairs(
             swapped.extras.clear();
             let other = plan.predict(&swapped);
             let d = DMatrix::from_fn(named.len(), 1, |r, _| named[r] - other[r]);
-            let d = plan.whiten(&d, &f.noise);
-            let mut tangent = plan.whiten(&plan.tangent(&swapped, &other), &f.noise);
+            let d = plan.whiten(&d, &noise);
+            let mut tangent = plan.whiten(&plan.tangent(&swapped, &other), &noise);
             for mut column in tangent.column_iter_mut() {
                 let norm = column.norm();
                 column /= if norm > 0.0 { norm } else { 1.0 };

@@ -5,9 +5,13 @@
 //! a change of D touches only a few rows per capture. The updates are the fixed-point form of the REML
 //! equations (Harville, "Maximum likelihood approaches to variance component estimation", 1977).
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use nalgebra::{DMatrix, DVector, DVectorView};
 
 use crate::diagnose::experiment::Layout;
+use crate::diagnose::rim::{Rim, Whitener};
 use crate::diagnose::tails::ln_f_tail;
 
 /// Noise as estimated or given.
@@ -15,7 +19,7 @@ use crate::diagnose::tails::ln_f_tail;
 pub struct Noise {
     /// Standard deviation of each class of observations, mm.
     pub sigma_mm: Vec<f64>,
-    /// Variance of each random component over `sigma_mm[0]`².
+    /// Variance of each random component over `sigma_mm[0]`², that of the rim's form last where the space has it.
     pub ratios: Vec<f64>,
     /// Degrees of freedom behind the independent part; infinite where it was given.
     pub dof: f64,
@@ -29,6 +33,9 @@ pub struct Space {
     keep: Vec<bool>,
     /// Component of each random column.
     components: Vec<usize>,
+    /// What all captures share, with its whitening at the ratios it was last asked for.
+    rim: Option<Rim>,
+    whitener: RefCell<Option<(Vec<f64>, Rc<Whitener>)>>,
 }
 
 #[derive(Debug, Clone)]
@@ -61,7 +68,47 @@ impl Space {
                 Group { rows, q, r }
             })
             .collect();
-        Self { groups, classes: layout.classes.clone(), keep: keep.to_vec(), components }
+        Self {
+            groups,
+            classes: layout.classes.clone(),
+            keep: keep.to_vec(),
+            components,
+            rim: None,
+            whitener: RefCell::default(),
+        }
+    }
+
+    /// The space with the form of the rim as a further random part, where the layout has a rim.
+    pub fn with_rim(layout: &Layout, keep: &[bool]) -> Self {
+        let mut space = Self::new(layout, keep);
+        if !layout.rim_deg.is_empty() && !layout.random.is_empty() {
+            let columns = Rim::columns(&layout.rim_deg);
+            let top = space.top();
+            space.rim = Some(Rim::new(&columns, &space.split(&columns), top));
+        }
+        space
+    }
+
+    /// How far the rim's form shows: its variance over that of a piece's radius from the other noise.
+    pub fn rim_weight(&self, noise: &Noise) -> f64 {
+        self.whitener(noise).map_or(0.0, |w| w.weight)
+    }
+
+    /// The whitening of the rim's form.
+    fn whitener(&self, noise: &Noise) -> Option<Rc<Whitener>> {
+        let rim = self.rim.as_ref()?;
+        let mut cached = self.whitener.borrow_mut();
+        match cached.as_ref() {
+            Some((ratios, whitener)) if *ratios == noise.ratios => Some(whitener.clone()),
+            _ => {
+                let mut f = rim.raw().clone();
+                self.whiten_captures(&mut f, noise);
+                let ratio = noise.ratios.last().copied().unwrap_or(0.0);
+                let whitener = Rc::new(Whitener::new(f, ratio));
+                *cached = Some((noise.ratios.clone(), whitener.clone()));
+                Some(whitener)
+            }
+        }
     }
 
     /// Number of kept observations.
@@ -74,16 +121,20 @@ impl Space {
     }
 
     fn component_count(&self) -> usize {
-        self.components.iter().max().map_or(0, |c| c + 1)
+        self.components.iter().max().map_or(0, |c| c + 1) + usize::from(self.rim.is_some())
+    }
+
+    fn capture_rows(&self) -> usize {
+        self.groups.len() * self.random_count()
     }
 
     fn class_count(&self) -> usize {
         self.classes.iter().max().map_or(1, |c| c + 1)
     }
 
-    /// Rows in front of the complement: one per capture and random column.
+    /// Rows in front of the complement: one per capture and random column, then those of the rim.
     pub fn top(&self) -> usize {
-        self.groups.len() * self.random_count()
+        self.capture_rows() + self.rim.as_ref().map_or(0, Rim::rows)
     }
 
     /// Whether an observation is used.
@@ -97,8 +148,11 @@ impl Space {
         for group in &self.groups {
             for (k, &i) in group.rows.iter().enumerate() {
                 let z = group.q.row(k) * &group.r;
-                let shared: f64 =
+                let mut shared: f64 =
                     z.iter().zip(&self.components).map(|(z, &c)| z * z * noise.ratios[c]).sum();
+                if let (Some(rim), Some(ratio)) = (&self.rim, noise.ratios.last()) {
+                    shared += rim.squares[i] * ratio;
+                }
                 sum += noise.sigma_mm[self.classes[i]].powi(2) * (1.0 + shared);
                 count += 1.0;
             }
@@ -137,6 +191,12 @@ impl Space {
                 }
             }
         }
+        if let Some(rim) = &self.rim {
+            let mut rest = out.rows(top, columns.nrows()).into_owned();
+            let along = rim.take(&mut rest);
+            out.rows_mut(top - rim.rows(), rim.rows()).copy_from(&along);
+            out.rows_mut(top, columns.nrows()).copy_from(&rest);
+        }
         out
     }
 
@@ -151,17 +211,24 @@ impl Space {
         out
     }
 
-    /// Whitens the capture-level rows alone.
+    /// Whitens the rows in front of the complement alone.
     pub fn whiten_top(&self, top: &DMatrix<f64>, noise: &Noise) -> DMatrix<f64> {
-        let d = self.random_count();
-        let mut out = top.clone();
-        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
-            let Some(l) = self.factor(group, noise) else { continue };
-            let mut block = out.view_mut((g * d, 0), (group.q.ncols(), top.ncols()));
-            l.solve_lower_triangular_mut(&mut block);
-            block /= noise.sigma_mm[0];
+        let mut out = top / noise.sigma_mm[0];
+        self.whiten_captures(&mut out, noise);
+        if let Some(whitener) = self.whitener(noise) {
+            whitener.apply(&mut out);
         }
         out
+    }
+
+    /// Whitens the captures' own parts, in units of the independent noise.
+    fn whiten_captures(&self, top: &mut DMatrix<f64>, noise: &Noise) {
+        let (d, columns) = (self.random_count(), top.ncols());
+        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
+            let Some(l) = self.factor(group, noise) else { continue };
+            let mut block = top.view_mut((g * d, 0), (group.q.ncols(), columns));
+            l.solve_lower_triangular_mut(&mut block);
+        }
     }
 
     /// Whitens the remainder of each observation.
@@ -186,12 +253,13 @@ impl Space {
     }
 
     /// Noise of residuals `y` after fitting the columns of `design` (both split). `given_mm` fixes the
-    /// independent part.
+    /// independent part; `near` is where the search starts.
     pub fn estimate(
         &self,
         design: &DMatrix<f64>,
         y: &DMatrix<f64>,
         given_mm: Option<f64>,
+        near: Option<&Noise>,
     ) -> Noise {
         let n = self.observations();
         let short = self.shorten(design, y);
@@ -200,7 +268,7 @@ impl Space {
         let start = if start > 0.0 { start } else { 1e-12 };
         let mut noise = Noise {
             sigma_mm: vec![start; self.class_count()],
-            ratios: vec![0.1; self.component_count()],
+            ratios: near.map_or(vec![0.1; self.component_count()], |n| n.ratios.clone()),
             dof: f64::INFINITY,
         };
         for _ in 0..60 {
@@ -254,6 +322,15 @@ impl Space {
         // Zᵀ P y and tr(Zᵀ P Z), capture by capture, in units of σ.
         let components = noise.ratios.len();
         let (mut seen, mut expected) = (vec![0.0; components], vec![1e-300; components]);
+        let whitener = self.whitener(noise);
+        let top = self.top();
+        let (mut e, mut basis) = (e.rows(0, top).into_owned(), basis.rows(0, top).into_owned());
+        if let Some(w) = &whitener {
+            // The columns of Z are whitened for the captures' parts alone: the rim's whitening goes to the other side.
+            w.apply(&mut e);
+            w.apply(&mut basis);
+            (seen[components - 1], expected[components - 1]) = w.score(&e, &basis);
+        }
         for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
             let k = group.q.ncols();
             let Some(l) = self.factor(group, noise) else { continue };
@@ -264,7 +341,9 @@ impl Space {
             let lost = z.tr_mul(&fixed);
             for (c, &component) in self.components.iter().enumerate() {
                 seen[component] += score[(c, 0)] * score[(c, 0)];
-                expected[component] += z.column(c).norm_squared() - lost.row(c).norm_squared();
+                let own = DMatrix::from_column_slice(k, 1, z.column(c).as_slice());
+                let shared = whitener.as_ref().map_or(0.0, |w| w.taken(&own, g * d));
+                expected[component] += own.norm_squared() - shared - lost.row(c).norm_squared();
             }
         }
         for (j, ratio) in noise.ratios.iter_mut().enumerate() {
@@ -321,9 +400,11 @@ impl Space {
     /// given (none for a column without a complement).
     pub fn shares(&self, top: DVectorView<f64>, rest: &[f64]) -> Vec<f64> {
         let (d, components) = (self.random_count(), self.component_count());
+        let captures = self.capture_rows();
         let mut shares = vec![0.0; components + self.class_count()];
         for (i, v) in top.iter().enumerate() {
-            shares[self.components[i % d]] += v * v;
+            let component = if i < captures { self.components[i % d] } else { components - 1 };
+            shares[component] += v * v;
         }
         shares[components..].iter_mut().zip(rest).for_each(|(share, square)| *share = *square);
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
@@ -341,6 +422,10 @@ impl Space {
                 dimensions[component] += 1.0;
                 used += 1.0;
             }
+        }
+        if let Some(rim) = &self.rim {
+            dimensions[components - 1] = rim.rows() as f64;
+            used += rim.rows() as f64;
         }
         let all = self.observations() as f64;
         let of_class = |class: usize| {
@@ -370,6 +455,20 @@ impl Space {
                 }
             })
             .collect()
+    }
+}
+
+impl Noise {
+    /// The same noise for a space without the rim: its form counts as noise of every point.
+    pub fn without_rim(&self, space: &Space) -> Self {
+        let mut noise = self.clone();
+        if let Some(ratio) = space.rim.as_ref().and_then(|_| noise.ratios.pop()) {
+            // Halfway between the ends of a piece on the average: ∫ t² + (1 - t)² dt.
+            let more = 1.0 + ratio * 2.0 / 3.0;
+            noise.sigma_mm.iter_mut().for_each(|s| *s *= more.sqrt());
+            noise.ratios.iter_mut().for_each(|r| *r /= more);
+        }
+        noise
     }
 }
 

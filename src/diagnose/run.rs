@@ -34,6 +34,9 @@ const LEAST_CAPTURES: usize = 8;
 /// Largest part of the observations that may be set aside as outliers.
 const MOST_OUTLIERS: f64 = 0.03;
 
+/// The rim's form is part of the noise where it adds more than this to the variance of a piece's radius.
+const RIM_SHOWS: f64 = 0.3;
+
 impl Options {
     fn check(&self) -> Result<()> {
         match self.noise_mm {
@@ -80,8 +83,11 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
         ));
     }
     let run = |keep: &[bool]| {
-        let fitter =
-            Fitter { experiment, space: Space::new(layout, keep), given_mm: options.noise_mm };
+        let fitter = Fitter {
+            experiment,
+            space: space(experiment, keep, options),
+            given_mm: options.noise_mm,
+        };
         let selection = select(&fitter);
         (fitter, selection)
     };
@@ -103,6 +109,19 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     let mut report = build(&fitter, &selection, outliers);
     report.next_measurement = next_measurement(&fitter, &selection);
     Ok(Diagnosis { report, selection, fitter })
+}
+
+/// The space the noise is described in; with the form of the artefact's rim where it shows in the residuals.
+fn space(experiment: &dyn Experiment, keep: &[bool], options: &Options) -> Space {
+    let layout = experiment.layout();
+    let space = Space::with_rim(layout, keep);
+    let fitter = Fitter { experiment, space, given_mm: options.noise_mm };
+    let baseline = fitter.fit(fitter.baseline(), None);
+    if fitter.space.rim_weight(&baseline.noise) > RIM_SHOWS {
+        fitter.space
+    } else {
+        Space::new(layout, keep)
+    }
 }
 
 /// Observations that even the largest model cannot explain: beyond a 0.1 % chance in the whole set.

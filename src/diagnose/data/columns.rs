@@ -279,6 +279,7 @@ fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> La
         directions,
         variables,
         random: Vec::new(),
+        rim_deg: Vec::new(),
     }
 }
 

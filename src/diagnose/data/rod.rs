@@ -322,9 +322,12 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     }
     let degrees = |a: f64| a.to_degrees().rem_euclid(360.0);
     add("edge_angle_deg", angles.iter().map(|a| degrees(*a)).collect(), true, true);
+    let own = |i: usize| {
+        degrees(angles[i] - data.c_rad.get(data.capture[i]).copied().unwrap_or_default())
+    };
+    let rim_deg: Vec<f64> = (0..points).map(own).collect();
     if !c_deg.is_empty() {
-        let own = |i: usize| degrees(angles[i] - data.c_rad[data.capture[i]]);
-        add("rod_angle_deg", (0..points).map(own).collect(), true, true);
+        add("rod_angle_deg", rim_deg.clone(), true, true);
     }
     let offset = |i: usize| data.points[i] - data.place[data.capture[i]];
     let [eu, ev] = data.axes;
@@ -340,8 +343,12 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
     let mut random = vec![wave(1.0)];
     if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
-        // On a short arc radius and lobes cannot be told from a shift of the capture.
         random.extend([vec![vec![1.0; points]], wave(2.0), wave(3.0)]);
+    } else {
+        // On a short arc radius and lobes cannot be told from a shift of the capture: there its slope and its bend.
+        let along = arc_positions(&angles, &data.capture, data.place.len());
+        let bend = along.iter().map(|s| s * s - 1.0 / 3.0).collect();
+        random.extend([vec![along], vec![bend]]);
     }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
     for column in [c_deg, &data.dir_x, &data.dir_y] {
@@ -357,7 +364,26 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         directions,
         variables,
         random,
+        rim_deg,
     }
+}
+
+/// Where each point lies along its capture's arc, 0 in the middle and about ±1 at the ends of most.
+fn arc_positions(angles: &[f64], capture: &[usize], captures: usize) -> Vec<f64> {
+    let mut middle = vec![Vector2::zeros(); captures];
+    for (a, &g) in angles.iter().zip(capture) {
+        middle[g] += Vector2::new(a.cos(), a.sin());
+    }
+    let from_middle = |(a, g): (&f64, &usize)| {
+        let (own, middle) = (Vector2::new(a.cos(), a.sin()), &middle[*g]);
+        middle.perp(&own).atan2(middle.dot(&own))
+    };
+    let mut along: Vec<f64> = angles.iter().zip(capture).map(from_middle).collect();
+    // Even spreading has a root mean square of 1/√3.
+    let square = along.iter().map(|a| a * a).sum::<f64>() / along.len().max(1) as f64;
+    let half = (3.0 * square).sqrt().max(1e-9);
+    along.iter_mut().for_each(|a| *a /= half);
+    along
 }
 
 impl Experiment for RodExperiment {

@@ -232,6 +232,7 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
         directions,
         variables,
         random: Vec::new(),
+        rim_deg: Vec::new(),
     }
 }
 
