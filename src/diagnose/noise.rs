@@ -175,19 +175,14 @@ impl Space {
     pub fn split(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let (top, d) = (self.top(), self.random_count());
         let mut out = DMatrix::zeros(top + columns.nrows(), columns.ncols());
-        for c in 0..columns.ncols() {
-            for (g, group) in self.groups.iter().enumerate() {
-                let part = DVector::from_iterator(
-                    group.rows.len(),
-                    group.rows.iter().map(|&i| columns[(i, c)]),
-                );
-                let coefficients = group.q.tr_mul(&part);
-                let rest = &part - &group.q * &coefficients;
-                for k in 0..coefficients.len() {
-                    out[(g * d + k, c)] = coefficients[k];
-                }
-                for (k, &i) in group.rows.iter().enumerate() {
-                    out[(top + i, c)] = rest[k];
+        for (g, group) in self.groups.iter().enumerate() {
+            let mut part = columns.select_rows(&group.rows);
+            let coefficients = transposed_times(&group.q, &part);
+            part -= &group.q * &coefficients;
+            out.rows_mut(g * d, coefficients.nrows()).copy_from(&coefficients);
+            for c in 0..columns.ncols() {
+                for (&i, v) in group.rows.iter().zip(part.column(c).iter()) {
+                    out[(top + i, c)] = *v;
                 }
             }
         }
@@ -463,13 +458,17 @@ impl Noise {
     pub fn without_rim(&self, space: &Space) -> Self {
         let mut noise = self.clone();
         if let Some(ratio) = space.rim.as_ref().and_then(|_| noise.ratios.pop()) {
-            // Halfway between the ends of a piece on the average: ∫ t² + (1 - t)² dt.
-            let more = 1.0 + ratio * 2.0 / 3.0;
+            let more = 1.0 + ratio;
             noise.sigma_mm.iter_mut().for_each(|s| *s *= more.sqrt());
             noise.ratios.iter_mut().for_each(|r| *r /= more);
         }
         noise
     }
+}
+
+/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use.
+pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
 }
 
 /// An orthonormal basis of the columns; columns that lose all but `tolerance` of their length are dropped.

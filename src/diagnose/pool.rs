@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::generic::{Shape, Term, dictionary};
+use crate::diagnose::noise::transposed_times;
 
 /// What a candidate would add.
 #[derive(Debug, Clone, PartialEq)]
@@ -104,7 +105,7 @@ impl Projected<'_> {
 
     /// Inner products of all columns after the projection, over their lengths before it; then those lengths.
     pub(super) fn gram(&self) -> (DMatrix<f64>, DVector<f64>) {
-        let mut gram = self.top.tr_mul(&self.top);
+        let mut gram = transposed_times(&self.top, &self.top);
         let pool = self.pool;
         let cross = pool.cross.get_or_init(|| class_squares(&pool.rest, self.classes));
         for (square, w) in cross.iter().zip(&self.weights) {
@@ -112,7 +113,7 @@ impl Projected<'_> {
             later += square * *w;
         }
         let length = gram.diagonal().map(|v| if v > 0.0 { v.sqrt() } else { 1.0 });
-        gram -= self.along.tr_mul(&self.along);
+        gram -= transposed_times(&self.along, &self.along);
         let scaled = DMatrix::from_fn(gram.nrows(), gram.ncols(), |i, j| {
             gram[(i, j)] / (length[i] * length[j])
         });
@@ -130,26 +131,41 @@ impl Projected<'_> {
 fn class_squares(columns: &DMatrix<f64>, classes: &[usize]) -> Vec<DMatrix<f64>> {
     let count = classes.iter().max().map_or(1, |c| c + 1);
     if count == 1 {
-        return vec![columns.tr_mul(columns)];
+        return vec![transposed_times(columns, columns)];
     }
     (0..count)
         .map(|class| {
             let rows: Vec<usize> = (0..classes.len()).filter(|i| classes[*i] == class).collect();
             let own = columns.select_rows(&rows);
-            own.tr_mul(&own)
+            transposed_times(&own, &own)
         })
         .collect()
 }
+
+/// Candidates whose columns are rotated together.
+const BATCH: usize = 64;
 
 impl Pool {
     fn new(fitter: &Fitter, entries: Vec<(Who, usize, DMatrix<f64>)>) -> Self {
         let top_rows = fitter.space.top();
         let mut sides: [Vec<(Who, usize, DMatrix<f64>)>; 2] = [Vec::new(), Vec::new()];
-        for (who, shapes, block) in entries {
-            let split = fitter.space.split(&block);
-            let rest = split.rows(top_rows, block.nrows()).norm();
-            let within = top_rows == 0 || rest > 1e-9 * split.norm();
-            sides[usize::from(within)].push((who, shapes, split));
+        let mut entries = entries.into_iter().peekable();
+        while entries.peek().is_some() {
+            // Many columns at a time: matrix products are faster by far than as many products with vectors.
+            let batch: Vec<_> = entries.by_ref().take(BATCH).collect();
+            let columns: Vec<_> = batch.iter().flat_map(|(_, _, b)| b.column_iter()).collect();
+            if columns.is_empty() {
+                continue;
+            }
+            let split = fitter.space.split(&DMatrix::from_columns(&columns));
+            let mut at = 0;
+            for (who, shapes, block) in &batch {
+                let own = split.columns(at, block.ncols()).into_owned();
+                at += block.ncols();
+                let rest = own.rows(top_rows, block.nrows()).norm();
+                let within = top_rows == 0 || rest > 1e-9 * own.norm();
+                sides[usize::from(within)].push((who.clone(), *shapes, own));
+            }
         }
         let rest_from = sides[0].iter().map(|(_, _, s)| s.ncols()).sum();
         let count: usize = sides.iter().flatten().map(|(_, _, s)| s.ncols()).sum();
@@ -270,7 +286,7 @@ impl Pool {
         classes: &[usize],
         weights: &[f64],
     ) -> DMatrix<f64> {
-        let mut inner = vectors.rows(0, top.nrows()).tr_mul(top);
+        let mut inner = transposed_times(&vectors.rows(0, top.nrows()).into_owned(), top);
         if self.rest.ncols() > 0 {
             let mut rest = vectors.rows(top.nrows(), self.rest.nrows()).into_owned();
             for mut vector in rest.column_iter_mut() {
@@ -279,7 +295,7 @@ impl Pool {
                 }
             }
             let mut later = inner.columns_mut(self.rest_from, self.rest.ncols());
-            later += rest.tr_mul(&self.rest);
+            later += transposed_times(&rest, &self.rest);
         }
         inner
     }
