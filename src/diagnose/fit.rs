@@ -43,6 +43,15 @@ pub struct Model {
     pub extras: Vec<ExtraTerm>,
 }
 
+impl Model {
+    /// Whether both models have the same effects in the same forms and the same extra terms.
+    pub fn has_same_parts(&self, other: &Self) -> bool {
+        let effects = |m: &Self| m.active.iter().map(|a| (a.effect, a.form)).collect::<Vec<_>>();
+        let extras = self.extras.iter().map(|e| &e.kind);
+        effects(self) == effects(other) && extras.eq(other.extras.iter().map(|e| &e.kind))
+    }
+}
+
 /// A fitted model.
 #[derive(Debug, Clone)]
 pub struct Fitted {

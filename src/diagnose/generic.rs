@@ -44,6 +44,8 @@ const DEGREES: u32 = 4;
 const LEVELS: [usize; 2] = [24, 48];
 /// Least distinct values to a level of the finer functions.
 const VALUES_TO_A_LEVEL: usize = 3;
+/// Least captures to a level or an order of a surface, where the variable is set for a whole capture.
+const CAPTURES_TO_A_LEVEL: usize = 2;
 /// Highest harmonic of a surface round a turn.
 const SURFACE_HARMONICS: u32 = 3;
 
@@ -207,14 +209,22 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             if v.within && d.name != "radius" && !layout.random.is_empty() {
                 continue;
             }
+            // A function of as many levels as captures explains whatever they scatter.
+            let captures = if v.within { usize::MAX } else { layout.group_count() };
             for shape in shapes(&v.values, v.angle) {
+                if matches!(shape, Shape::Levels(n) if n > captures / CAPTURES_TO_A_LEVEL) {
+                    continue;
+                }
                 terms.push(Term { direction, variable, shape });
             }
             // Pairs of what is set for a whole capture.
             let later = layout.variables.iter().enumerate().skip(variable + 1);
             for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
                 let slow = |name: &str| ["t_s", "temp_c"].contains(&name);
-                if !(slow(v.name) && slow(w.name)) && varies(&v.values) && varies(&w.values) {
+                let orders = smooth(v).len() * smooth(w).len();
+                let many = orders > layout.group_count() / CAPTURES_TO_A_LEVEL;
+                let varies = varies(&v.values) && varies(&w.values);
+                if !(slow(v.name) && slow(w.name)) && varies && !many {
                     terms.push(Term { direction, variable, shape: Shape::Surface(other) });
                 }
             }

@@ -55,8 +55,14 @@ pub fn select(fitter: &Fitter) -> Selection {
     let generic_tests = (0.6 * generic.candidates.len() as f64).max(1.0);
     let fitted = baseline.clone();
     let mut s = Selection { baseline, fitted, library, generic, library_tests, generic_tests };
+    let mut tried: Vec<Model> = Vec::new();
     for _ in 0..MOST_PARTS {
         let Some(next) = s.next(fitter) else { break };
+        if tried.iter().any(|t| t.has_same_parts(&next)) {
+            // What it added was dropped again after the joint fit, and would be for ever.
+            break;
+        }
+        tried.push(next.clone());
         s.fitted = fitter.fit(next, Some(&s.fitted.noise));
         s.exchange(fitter);
         s.uncover(fitter);
