@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used)] // a test that cannot go on should stop
 
 use pivotsight::demo::{Options, run, run_hidden};
+use pivotsight::diagnose::report::Verdict as Diagnosis;
 use pivotsight::uncertainty::Verdict;
 
 #[test]
@@ -35,6 +36,10 @@ fn a_hidden_effect_is_named_from_pictures_and_the_corrected_model_agrees() {
     let report = run_hidden(&Options { seed: 3, folder: folder.path().to_owned() }).unwrap();
     assert!(report.found, "{report:#?}");
     assert_eq!(report.named, [report.hidden.clone()]);
+    assert_eq!(
+        (report.verdict, report.verdict_corrected),
+        (Diagnosis::Named, Diagnosis::Consistent)
+    );
     let g = &report.gap;
     let excess = |rms: f64| rms * rms - g.noise_rms_mm * g.noise_rms_mm;
     assert!(

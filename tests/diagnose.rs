@@ -262,3 +262,75 @@ fn burns_with_nothing_wrong_are_consistent() {
     let report = json(&["diagnose", "burn", "--data", "burn.csv", "--format", "json"], folder);
     assert_eq!(report["verdict"], "consistent", "{report}");
 }
+
+/// Captures of short arcs of a large rod with tool marks: the marks turn with the rod, Y lags behind by half of 8 µm.
+#[test]
+fn short_arcs_of_a_rod_with_tool_marks_name_the_backlash() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut state = 12_345_u64;
+    let mut uniform = || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1 << 24)
+    };
+    let mut gauss = || (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
+    let marks: Vec<f64> = (0..180).map(|_| 0.0006 * gauss()).collect();
+    let mark = |degrees: f64| {
+        let at = degrees.rem_euclid(360.0) / 2.0;
+        let (i, f) = (at as usize % 180, at.fract());
+        marks[i] * (1.0 - f) + marks[(i + 1) % 180] * f
+    };
+    let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,dir_x,dir_y,u_px,v_px\n");
+    for k in 0..40_usize {
+        let i = k * 17 % 40;
+        let (c, around) = ((i % 9) as f64 * 41.0 + (i % 4) as f64, i as f64 * 9.0);
+        let side = |n: usize| if (k * n / 7).is_multiple_of(2) { 1.0 } else { -1.0 };
+        let (dir_x, dir_y) = (side(3), side(5));
+        let at =
+            |degrees: f64, r: f64| [r * degrees.to_radians().cos(), r * degrees.to_radians().sin()];
+        let [x, y] = at(around, 8.0);
+        let shift = [0.0003 * gauss(), -0.004 * dir_y + 0.0003 * gauss()];
+        for p in 0..60 {
+            let angle = around - 25.0 + f64::from(p) * 50.0 / 59.0;
+            let edge = at(angle, 8.0 + mark(angle - c) + 0.0003 * gauss());
+            let (u, v) = ((edge[0] - x + shift[0]) / 0.01, -(edge[1] - y + shift[1]) / 0.01);
+            writeln!(
+                csv,
+                "{k},{x:.6},{y:.6},{c},{},{dir_x},{dir_y},{:.5},{:.5}",
+                20 * k,
+                u + 400.0,
+                v + 300.0
+            )
+            .unwrap();
+        }
+    }
+    std::fs::write(folder.path().join("points.csv"), csv).unwrap();
+    std::fs::write(
+        folder.path().join("calib.toml"),
+        "schema = 1\nname = \"plain\"\n[scale]\nmm_per_px = 0.01\n",
+    )
+    .unwrap();
+    std::fs::write(folder.path().join("machine.toml"), MACHINE).unwrap();
+    let report = json(
+        &[
+            "diagnose",
+            "rod",
+            "--model",
+            "machine.toml",
+            "--calib",
+            "calib.toml",
+            "--data",
+            "points.csv",
+            "--format",
+            "json",
+        ],
+        folder.path(),
+    );
+    assert_eq!(report["verdict"], "named", "{report:#}");
+    let effects = report["effects"].as_array().unwrap();
+    assert_eq!(effects.len(), 1, "{effects:#?}");
+    assert_eq!(effects[0]["name"], "backlash-y");
+    let of = |key: &str| effects[0][key]["width_mm"].as_f64().unwrap();
+    let (width, u95) = (of("parameters"), of("parameters_u95"));
+    assert!((width.abs() - 0.008).abs() < 1.5 * u95 && u95 < 0.001, "{width} ± {u95}");
+}

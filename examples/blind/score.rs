@@ -106,7 +106,7 @@ impl Tally {
             self.closed.push(1.0 - (g.heldout_after_rms_mm.powi(2) - noise2).max(0.0) / before);
         }
         let wrong = if sort.unknown > 0 {
-            false_name || !all_in
+            false_name || !all_in || report.verdict == Verdict::Consistent
         } else {
             !all_in
                 || false_name

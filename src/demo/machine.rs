@@ -107,8 +107,10 @@ impl VirtualMachine {
     pub fn photograph_many(&self) -> Result<RenderedRod> {
         let mut scene = self.rod_scene()?;
         scene.axis.eccentricity_mm = 0.0.into();
-        // A rod as round as the pictures can see: its form would be found, and would want a name too.
+        // A lapped master before a plain background: tool marks and form would be found, and called unknown beside the effect.
         scene.rod.form_rms_mm = 0.0.into();
+        scene.surface.texture = 0.01.into();
+        scene.rod.table_mottle = 0.0.into();
         scene.captures.c_deg = MANY_C_ANGLES_DEG.to_vec();
         let mut rendered = rod::render(&scene, self.seed)?;
         rendered.captures.shuffle(&mut stream_rng(self.seed, 79));

@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use crate::diagnose::classes::{by_name, rivals};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::range;
+use crate::diagnose::generic::{Shape, range};
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
 use crate::diagnose::noise::Space;
@@ -34,8 +34,9 @@ const LEAST_CAPTURES: usize = 8;
 /// Largest part of the observations that may be set aside as outliers.
 const MOST_OUTLIERS: f64 = 0.03;
 
-/// The rim's form is part of the noise where it adds more than this to the variance of a piece's radius.
-const RIM_SHOWS: f64 = 0.3;
+/// The rim's form is part of the noise where its rough part has this much of the variance that the other noise gives a piece's
+/// radius.
+const RIM_SHOWS: f64 = 1.0;
 
 impl Options {
     fn check(&self) -> Result<()> {
@@ -111,13 +112,18 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     Ok(Diagnosis { report, selection, fitter })
 }
 
-/// The space the noise is described in; with the form of the artefact's rim where it shows in the residuals.
+/// The space the noise is described in; with the form of the artefact's rim where that is rough.
 fn space(experiment: &dyn Experiment, keep: &[bool], options: &Options) -> Space {
     let layout = experiment.layout();
+    if layout.rim_deg.is_empty() {
+        return Space::new(layout, keep);
+    }
     let space = Space::with_rim(layout, keep);
     let fitter = Fitter { experiment, space, given_mm: options.noise_mm };
-    let baseline = fitter.fit(fitter.baseline(), None);
-    if fitter.space.rim_weight(&baseline.noise) > RIM_SHOWS {
+    // A smooth form is no noise: it is told, as a shape of the rod's angle. All that the finest of those can say is taken out.
+    let smooth = Shape::finest_levels(&layout.rim_deg);
+    let noise = fitter.first_noise(&fitter.baseline(), &smooth);
+    if fitter.space.rim_weight(&noise) > RIM_SHOWS {
         fitter.space
     } else {
         Space::new(layout, keep)
