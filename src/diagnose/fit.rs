@@ -2,9 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Active, Experiment};
 use crate::diagnose::generic::Term;
-use crate::diagnose::noise::{Noise, Space, orthonormal};
+use crate::diagnose::noise::{Noise, Space};
 use crate::fit::least_squares;
 
 /// What an extra linear term stands for.

@@ -8,8 +8,9 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use nalgebra::{DMatrix, DVector, DVectorView};
+use nalgebra::{DMatrix, DVectorView};
 
+use crate::diagnose::algebra::{orthonormal, transposed_times};
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::rim::{Rim, Whitener};
 use crate::diagnose::tails::ln_f_tail;
@@ -87,6 +88,16 @@ impl Space {
             space.rim = Some(Rim::new(&columns, &space.split(&columns), top));
         }
         space
+    }
+
+    /// Whether the form of the rim is part of the noise.
+    pub fn has_rim(&self) -> bool {
+        self.rim.is_some()
+    }
+
+    /// Root mean square of the rim's form, where it is part of the noise.
+    pub fn rim_rms_mm(&self, noise: &Noise) -> Option<f64> {
+        self.rim.as_ref().and(noise.ratios.last()).map(|ratio| noise.sigma_mm[0] * ratio.sqrt())
     }
 
     /// How far the rim's form shows: its variance over that of a piece's radius from the other noise.
@@ -464,36 +475,4 @@ impl Noise {
         }
         noise
     }
-}
-
-/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use.
-pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
-}
-
-/// An orthonormal basis of the columns; columns that lose all but `tolerance` of their length are dropped.
-pub fn orthonormal(columns: &DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
-    let mut basis: Vec<DVector<f64>> = Vec::with_capacity(columns.ncols());
-    for c in 0..columns.ncols() {
-        let mut v: DVector<f64> = columns.column(c).into_owned();
-        let before = v.norm();
-        if !(before.is_finite() && before > 0.0) {
-            continue;
-        }
-        // Twice is enough (Kahan; Parlett).
-        for _ in 0..2 {
-            for b in &basis {
-                let along = b.dot(&v);
-                v.axpy(-along, b, 1.0);
-            }
-        }
-        let after = v.norm();
-        if after > tolerance * before {
-            basis.push(v / after);
-        }
-    }
-    if basis.is_empty() {
-        return DMatrix::zeros(columns.nrows(), 0);
-    }
-    DMatrix::from_columns(&basis)
 }

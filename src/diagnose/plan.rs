@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Active, Experiment};
 use crate::diagnose::fit::Fitter;
-use crate::diagnose::noise::{Noise, Space, orthonormal};
+use crate::diagnose::noise::{Noise, Space};
 use crate::diagnose::report::Detectable;
 use crate::error::{Error, Result};
 

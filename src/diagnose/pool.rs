@@ -4,10 +4,10 @@ use std::cell::OnceCell;
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::diagnose::algebra::transposed_times;
 use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::generic::{Shape, Term, dictionary};
-use crate::diagnose::noise::transposed_times;
 
 /// What a candidate would add.
 #[derive(Debug, Clone, PartialEq)]
@@ -239,10 +239,16 @@ impl Pool {
         Self::new(fitter, entries)
     }
 
-    /// The generic dictionary.
+    /// The generic dictionary; without free functions and steps of the rim's
+    /// angle where the noise holds the rim's form: they would be of the same.
     pub fn generic(fitter: &Fitter) -> Self {
         let layout = fitter.experiment.layout();
-        let terms = dictionary(layout);
+        let mut terms = dictionary(layout);
+        if fitter.space.has_rim() {
+            let of_rim = |t: &Term| layout.variables[t.variable].values == layout.rim_deg;
+            let sharp = |s: Shape| s.is_free() || matches!(s, Shape::Step(_));
+            terms.retain(|t| !(sharp(t.shape) && of_rim(t)));
+        }
         Self::of_terms(
             fitter,
             terms.into_iter().map(|t| (Extra::Generic(t), t.columns(layout))).collect(),

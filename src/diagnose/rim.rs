@@ -7,7 +7,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::noise::{orthonormal, transposed_times};
+use crate::diagnose::algebra::{orthonormal, transposed_times};
 
 /// Pieces of a turn: 3° each.
 const PIECES: usize = 120;

@@ -10,7 +10,7 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::{Shape, range};
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
-use crate::diagnose::noise::Space;
+use crate::diagnose::noise::{Noise, Space};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
 use crate::diagnose::select::{Selection, select};
@@ -36,7 +36,7 @@ const MOST_OUTLIERS: f64 = 0.03;
 
 /// The rim's form is part of the noise where its rough part has this much of the variance that the other noise gives a piece's
 /// radius.
-const RIM_SHOWS: f64 = 1.0;
+const RIM_SHOWS: f64 = 0.6;
 
 impl Options {
     fn check(&self) -> Result<()> {
@@ -292,7 +292,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         kind: fitter.experiment.kind().into(),
         verdict,
         noise_mm: f.noise.sigma_mm.iter().sum::<f64>() / f.noise.sigma_mm.len() as f64,
-        noise_source: noise_source(fitter, layout),
+        noise_source: noise_source(fitter, layout, &f.noise),
         captures: layout.group_count(),
         observations: layout.values.len(),
         effects: named_effects(fitter, s),
@@ -310,14 +310,20 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     }
 }
 
-fn noise_source(fitter: &Fitter, layout: &Layout) -> String {
+fn noise_source(fitter: &Fitter, layout: &Layout, noise: &Noise) -> String {
     let mut seen = vec![0usize; layout.sites.iter().max().map_or(0, |m| m + 1)];
     layout.sites.iter().for_each(|s| seen[*s] += 1);
     let repeats: usize = seen.iter().map(|c| c.saturating_sub(1)).sum();
-    match (fitter.given_mm, repeats) {
+    let source = match (fitter.given_mm, repeats) {
         (Some(_), _) => "given".into(),
         (None, 0) => "what the model leaves; no repeats to check it against".into(),
         (None, r) => format!("what the model leaves, checked against {r} repeated captures"),
+    };
+    match fitter.space.rim_rms_mm(noise) {
+        Some(rms) => {
+            format!("{source}; the rim's own form, {:.2} µm rms, counts as noise", 1e3 * rms)
+        }
+        None => source,
     }
 }
 

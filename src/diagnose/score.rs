@@ -4,8 +4,8 @@ use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::fit::{Fitted, Fitter};
-use crate::diagnose::noise::orthonormal;
 use crate::diagnose::pool::{Candidate, Pool, Projected};
 use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
 
