@@ -107,9 +107,9 @@ impl VirtualMachine {
     pub fn photograph_many(&self) -> Result<RenderedRod> {
         let mut scene = self.rod_scene()?;
         scene.axis.eccentricity_mm = 0.0.into();
-        // A lapped master before a plain background: tool marks and form would be found, and called unknown beside the effect.
+        // A polished master before a plain background: form and texture would be found, and called unknown beside the effect.
         scene.rod.form_rms_mm = 0.0.into();
-        scene.surface.texture = 0.01.into();
+        scene.surface.texture = 0.0.into();
         scene.rod.table_mottle = 0.0.into();
         scene.captures.c_deg = MANY_C_ANGLES_DEG.to_vec();
         let mut rendered = rod::render(&scene, self.seed)?;

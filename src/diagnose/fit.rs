@@ -200,10 +200,7 @@ impl Fitter<'_> {
     /// Exact joint fit with the noise re-estimated; `noise` is where the search starts.
     pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
         let mut model = model;
-        let mut noise = noise.cloned().unwrap_or_else(|| {
-            let none = DMatrix::zeros(self.experiment.layout().values.len(), 0);
-            self.first_noise(&model, &none)
-        });
+        let mut noise = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
         for round in 0..2 {
             model = self.minimise(model, &noise, if round == 0 { 12 } else { 4 });
             let (residual, tangent) = self.linearise(&model);
@@ -222,6 +219,12 @@ impl Fitter<'_> {
         }
         let (residual, tangent) = self.linearise(&model);
         self.finish(model, residual, tangent, noise)
+    }
+
+    /// ln likelihood of a fitted model with its noise, but for a constant.
+    pub fn ln_likelihood(&self, f: &Fitted) -> f64 {
+        let column = DMatrix::from_column_slice(f.residual.len(), 1, &f.residual);
+        -0.5 * (self.whiten(&column, &f.noise).norm_squared() + self.space.ln_det(&f.noise))
     }
 
     fn linearise(&self, model: &Model) -> (Vec<f64>, DMatrix<f64>) {
@@ -246,12 +249,9 @@ impl Fitter<'_> {
         Fitted { model, residual, tangent, noise, covariance, rank }
     }
 
-    /// Noise about a model that has not been fitted yet, with further columns fitted beside its own.
-    pub fn first_noise(&self, model: &Model, beside: &DMatrix<f64>) -> Noise {
-        let (residual, own) = self.linearise(model);
-        let mut tangent = DMatrix::zeros(own.nrows(), own.ncols() + beside.ncols());
-        tangent.columns_mut(0, own.ncols()).copy_from(&own);
-        tangent.columns_mut(own.ncols(), beside.ncols()).copy_from(beside);
+    /// Noise about a model that has not been fitted yet.
+    fn first_noise(&self, model: &Model) -> Noise {
+        let (residual, tangent) = self.linearise(model);
         let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
         let tangent = self.space.split(&tangent);
         let mut y = self.space.split(&column);

@@ -343,14 +343,6 @@ pub fn legendre(degree: u32, x: f64) -> f64 {
 }
 
 impl Shape {
-    /// The free function with most levels, one column a level, of values seen along their own direction.
-    pub fn finest_levels(values: &[f64]) -> DMatrix<f64> {
-        let edges = if varies(values) { level_edges(values, LEVELS[1]) } else { Vec::new() };
-        DMatrix::from_fn(values.len(), edges.len() + 1, |i, level| {
-            f64::from(u8::from(edges.partition_point(|e| *e < values[i]) == level))
-        })
-    }
-
     /// Whether it is a function of no set form.
     pub fn is_free(self) -> bool {
         matches!(self, Self::Levels(_) | Self::Surface(_))

@@ -12,7 +12,7 @@ use nalgebra::{DMatrix, DVectorView};
 
 use crate::diagnose::algebra::{orthonormal, transposed_times};
 use crate::diagnose::experiment::Layout;
-use crate::diagnose::rim::{Rim, Whitener};
+use crate::diagnose::rim::{MEMORY_DEG, Rim, Whitener};
 use crate::diagnose::tails::ln_f_tail;
 
 /// Noise as estimated or given.
@@ -83,7 +83,7 @@ impl Space {
     pub fn with_rim(layout: &Layout, keep: &[bool]) -> Self {
         let mut space = Self::new(layout, keep);
         if !layout.rim_deg.is_empty() && !layout.random.is_empty() {
-            let columns = Rim::columns(&layout.rim_deg);
+            let columns = Rim::columns(&layout.rim_deg, MEMORY_DEG);
             let top = space.top();
             space.rim = Some(Rim::new(&columns, &space.split(&columns), top));
         }
@@ -98,11 +98,6 @@ impl Space {
     /// Root mean square of the rim's form, where it is part of the noise.
     pub fn rim_rms_mm(&self, noise: &Noise) -> Option<f64> {
         self.rim.as_ref().and(noise.ratios.last()).map(|ratio| noise.sigma_mm[0] * ratio.sqrt())
-    }
-
-    /// How far the rim's form shows: its variance over that of a piece's radius from the other noise.
-    pub fn rim_weight(&self, noise: &Noise) -> f64 {
-        self.whitener(noise).map_or(0.0, |w| w.weight)
     }
 
     /// The whitening of the rim's form.
@@ -235,6 +230,18 @@ impl Space {
             let mut block = top.view_mut((g * d, 0), (group.q.ncols(), columns));
             l.solve_lower_triangular_mut(&mut block);
         }
+    }
+
+    /// ln of the determinant of the noise's covariance.
+    pub fn ln_det(&self, noise: &Noise) -> f64 {
+        let kept = self.classes.iter().zip(&self.keep).filter(|(_, keep)| **keep);
+        let own: f64 = kept.map(|(class, _)| 2.0 * noise.sigma_mm[*class].ln()).sum();
+        let of_group = |group: &Group| {
+            let l = self.factor(group, noise);
+            l.map_or(0.0, |l| 2.0 * l.diagonal().map(f64::ln).sum())
+        };
+        let shared: f64 = self.groups.iter().map(of_group).sum();
+        own + shared + self.whitener(noise).map_or(0.0, |w| w.ln_det)
     }
 
     /// Whitens the remainder of each observation.

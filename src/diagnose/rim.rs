@@ -5,14 +5,65 @@
 //! is found by restricted maximum likelihood like those of the captures' own parts:
 //! `V' = I + τ F Fᵀ` after those have been whitened, and `V'^(-1/2) = I - F K Fᵀ` (Woodbury).
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::algebra::{orthonormal, transposed_times};
+use crate::diagnose::fit::{Extra, Fitter};
+use crate::diagnose::generic::{Shape, Term};
+use crate::diagnose::parts::with_extra;
+use crate::diagnose::score::Standing;
 
 /// Pieces of a turn: 3° each.
 const PIECES: usize = 120;
 /// Angle over which the form forgets itself, to 1/e. Smooth shapes and named effects vary over far more.
-const MEMORY_DEG: f64 = 3.0;
+pub(super) const MEMORY_DEG: f64 = 3.0;
+/// Memories of a form that is more than roughness: something turns with the rod that wants telling.
+const LONG_MEMORIES_DEG: [f64; 3] = [6.0, 12.0, 24.0];
+
+/// Lobes that a rim is turned with: no part of its roughness.
+const LOBES: u32 = 4;
+/// A rough rim must be this much more likely than none, nats.
+const SHOWS: f64 = 7.0;
+
+/// Whether the rim has a rough form that should count as noise: one that is likelier than none, and whose
+/// memory is short: a longer one is of something that should be told, a wave, a burr, a flat.
+pub(super) fn is_rough(fitter: &Fitter) -> bool {
+    let layout = fitter.experiment.layout();
+    let variable = layout.variables.iter().position(|v| v.values == layout.rim_deg);
+    let direction = layout.directions.iter().position(|d| d.name == "radius");
+    let (Some(variable), Some(direction)) = (variable, direction) else { return false };
+    let mut model = fitter.baseline();
+    for lobes in 1..=LOBES {
+        let term = Term { direction, variable, shape: Shape::Harmonic(lobes) };
+        model = with_extra(&model, &Extra::Generic(term), term.columns(layout));
+    }
+    let fitted = fitter.fit(model, None);
+    let standing = Standing::new(fitter, &fitted, &[]);
+    let evidence = |columns: &DMatrix<f64>| {
+        let mut x = fitter.whiten(columns, &fitted.noise);
+        x -= &standing.basis * transposed_times(&standing.basis, &x);
+        random_evidence(&x, &standing.residual)
+    };
+    let rough = evidence(&Rim::columns(&layout.rim_deg, MEMORY_DEG));
+    let long = LONG_MEMORIES_DEG.map(|m| evidence(&Rim::columns(&layout.rim_deg, m)));
+    rough > long.into_iter().fold(SHOWS, f64::max)
+}
+
+/// ln likelihood gained by columns with random coefficients of one variance τ, the likeliest (both whitened, the model
+/// projected out): ½ Σ (τ β² / (1 + τ λ) - ln(1 + τ λ)) over the eigenvectors of `XᵀX`.
+fn random_evidence(x: &DMatrix<f64>, residual: &DVector<f64>) -> f64 {
+    let eigen = transposed_times(x, x).symmetric_eigen();
+    let along = eigen.eigenvectors.tr_mul(&x.tr_mul(residual));
+    let gain = |tau: f64| -> f64 {
+        let each = eigen.eigenvalues.iter().zip(along.iter()).map(|(l, b)| {
+            let v = 1.0 + tau * l.max(0.0);
+            0.5 * (tau * b * b / v - v.ln())
+        });
+        each.sum()
+    };
+    let largest = eigen.eigenvalues.max().max(1e-300);
+    (-16..=40).map(|k| gain(2.0_f64.powf(0.5 * f64::from(k)) / largest)).fold(0.0, f64::max)
+}
 
 /// The rim's columns in the rotated space.
 #[derive(Debug, Clone)]
@@ -27,7 +78,7 @@ pub(super) struct Rim {
 
 impl Rim {
     /// Radius at each observation per independent draw of unit variance.
-    pub(super) fn columns(angles_deg: &[f64]) -> DMatrix<f64> {
+    pub(super) fn columns(angles_deg: &[f64], memory_deg: f64) -> DMatrix<f64> {
         let turn = PIECES as f64;
         let mut ends = DMatrix::zeros(angles_deg.len(), PIECES);
         for (i, angle) in angles_deg.iter().enumerate() {
@@ -38,7 +89,7 @@ impl Rim {
         }
         let correlation = DMatrix::from_fn(PIECES, PIECES, |i, j| {
             let pieces = i.abs_diff(j).min(PIECES - i.abs_diff(j)) as f64;
-            (-pieces * 360.0 / turn / MEMORY_DEG).exp()
+            (-pieces * 360.0 / turn / memory_deg).exp()
         });
         // Positive definite on a circle, so that the factor exists.
         correlation.cholesky().map_or_else(|| ends.clone(), |c| &ends * c.l())
@@ -83,8 +134,8 @@ pub(super) struct Whitener {
     inverse: DMatrix<f64>,
     /// tr(Fᵀ V'⁻¹ F).
     information: f64,
-    /// Mean over the columns of τ |F|²: the rim's variance over that of a piece's radius from the other noise.
-    pub(super) weight: f64,
+    /// ln det V'.
+    pub(super) ln_det: f64,
 }
 
 impl Whitener {
@@ -104,8 +155,8 @@ impl Whitener {
         });
         let inverse = of(&|l| ratio / (1.0 + ratio * l));
         let information = lambda.iter().map(|l| l / (1.0 + ratio * l)).sum();
-        let weight = ratio * lambda.iter().sum::<f64>() / lambda.len().max(1) as f64;
-        Self { f, root, inverse, information, weight }
+        let ln_det = lambda.iter().map(|l| (ratio * l).ln_1p()).sum();
+        Self { f, root, inverse, information, ln_det }
     }
 
     /// Whitens columns.

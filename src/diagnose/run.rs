@@ -7,12 +7,13 @@ use nalgebra::DMatrix;
 use crate::diagnose::classes::{by_name, rivals};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::{Shape, range};
+use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
 use crate::diagnose::noise::{Noise, Space};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
+use crate::diagnose::rim::is_rough;
 use crate::diagnose::select::{Selection, select};
 use crate::diagnose::tails::{chi2_quantile, ln_chi2_tail, ln_f_tail};
 use crate::error::{Error, Result};
@@ -33,10 +34,6 @@ const UNLIKE_NOISE_P: f64 = 1e-4;
 const LEAST_CAPTURES: usize = 8;
 /// Largest part of the observations that may be set aside as outliers.
 const MOST_OUTLIERS: f64 = 0.03;
-
-/// The rim's form is part of the noise where its rough part has this much of the variance that the other noise gives a piece's
-/// radius.
-const RIM_SHOWS: f64 = 0.6;
 
 impl Options {
     fn check(&self) -> Result<()> {
@@ -114,20 +111,9 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
 
 /// The space the noise is described in; with the form of the artefact's rim where that is rough.
 fn space(experiment: &dyn Experiment, keep: &[bool], options: &Options) -> Space {
-    let layout = experiment.layout();
-    if layout.rim_deg.is_empty() {
-        return Space::new(layout, keep);
-    }
-    let space = Space::with_rim(layout, keep);
+    let space = Space::new(experiment.layout(), keep);
     let fitter = Fitter { experiment, space, given_mm: options.noise_mm };
-    // A smooth form is no noise: it is told, as a shape of the rod's angle. All that the finest of those can say is taken out.
-    let smooth = Shape::finest_levels(&layout.rim_deg);
-    let noise = fitter.first_noise(&fitter.baseline(), &smooth);
-    if fitter.space.rim_weight(&noise) > RIM_SHOWS {
-        fitter.space
-    } else {
-        Space::new(layout, keep)
-    }
+    if is_rough(&fitter) { Space::with_rim(experiment.layout(), keep) } else { fitter.space }
 }
 
 /// Observations that even the largest model cannot explain: beyond a 0.1 % chance in the whole set.

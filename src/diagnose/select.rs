@@ -8,6 +8,7 @@ use crate::diagnose::generic::legendre;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who};
 use crate::diagnose::score::{Score, Standing, effective_tests};
+use crate::diagnose::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
 const ALPHA_LIBRARY: f64 = 0.005;
@@ -23,6 +24,8 @@ const LEAST_CHI2: f64 = 30.0;
 const PLACES_REFINED: usize = 4;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
+/// p-value of a name, by itself, that is worth a fit.
+const WORTH_A_TRIAL: f64 = 0.01;
 /// Most parts a model may get.
 const MOST_PARTS: usize = 8;
 
@@ -81,15 +84,18 @@ impl Selection {
             Who::Effect(a) => f.model.active.iter().any(|b| b.effect == a.effect),
             Who::Extra(_) => false,
         };
-        let library = best(
-            standing
-                .scores(fitter, f, &self.library)
-                .into_iter()
-                .filter(|s| !taken(s) && s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln()),
-        );
         let generic = self
             .best_generic(fitter, &standing, f)
             .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln());
+        let scores: Vec<Score> =
+            standing.scores(fitter, f, &self.library).into_iter().filter(|s| !taken(s)).collect();
+        let sure = |s: &Score| s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln();
+        let library = best(scores.iter().filter(|s| sure(s)).cloned());
+        let shape = generic.as_ref().map_or(0.0, |(_, g)| g.evidence);
+        let library = match library {
+            Some(l) if l.evidence >= shape => Some(l),
+            other => best(scores).and_then(|s| self.on_trial(fitter, s)).filter(sure).or(other),
+        };
         let addition = |library: Option<Score>, generic: Option<(Who, Score)>| {
             let strongest = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence);
             match (library, generic) {
@@ -135,6 +141,26 @@ impl Selection {
             }
         }
         addition(library, generic)
+    }
+
+    /// A name's score by the likelihood of a fit with it. Where captures have random parts of their own, a large effect passes for
+    /// those in the noise without it, and its score says too little.
+    fn on_trial(&self, fitter: &Fitter, score: Score) -> Option<Score> {
+        let (f, layout) = (&self.fitted, fitter.experiment.layout());
+        if layout.random.is_empty() || score.ln_p > WORTH_A_TRIAL.ln() {
+            return None;
+        }
+        let candidate = &self.library.candidates[score.candidate];
+        let trial = fitter.fit(add(fitter, &f.model, &candidate.who), Some(&f.noise));
+        let gain = fitter.ln_likelihood(&trial) - fitter.ln_likelihood(f);
+        let (rank, captures) = (score.rank as f64, layout.group_count() as f64);
+        let parameters = rank + candidate.shape_parameters as f64;
+        // The F of a likelihood ratio with a noise as uncertain as that of one value a capture.
+        let dof = (captures - parameters).max(1.0);
+        let ratio = ((2.0 * gain.max(0.0) / captures).exp_m1() * dof / rank).min(1e12);
+        let evidence = gain - 0.5 * parameters * captures.ln() - candidate.choice;
+        let ln_p = ln_f_tail(ratio, rank, dof);
+        Some(Score { ln_p, evidence, chi2: 2.0 * gain, ..score })
     }
 
     /// The most convincing generic shape; a step or bump with its place (and width) searched around the dictionary's.
