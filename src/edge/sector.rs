@@ -55,9 +55,9 @@ impl Match {
         noise: &Noise,
     ) -> [f64; PARAMETERS + 1] {
         let weight = 1.0 / noise.variance(b, template.node(b.distance - self.shift)).sqrt();
-        let mut row = [self.residual(b, template, edge); PARAMETERS + 1];
-        row[..PARAMETERS].copy_from_slice(&self.columns(b, template, edge));
-        row.map(|v| v * weight)
+        let [one, profile, shift, stretch, tail] = self.columns(b, template, edge);
+        let residual = b.value - self.level - self.gain * profile - self.tail * tail;
+        [one, profile, shift, stretch, tail, residual].map(|v| v * weight)
     }
 }
 

@@ -6,6 +6,7 @@
 //! share its centre. The outermost that nearly as many captures support as any is the rod.
 
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use crate::camera::View;
 use crate::edge::{Band, Contour, Profiles, scan_frame};
@@ -59,15 +60,10 @@ pub(super) fn rim(
     let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
     let bin_mm = BIN_PX * pixel_mm;
     let look = |about: Circle| -> Vec<Sight> {
-        let each = captures.iter().zip(angle_of).zip(frames);
-        each.filter_map(|((c, &angle), (frame, view))| {
-            Sight::new(
-                frame,
-                view,
-                Circle { center: about.center - c.position_mm, ..about },
-                pixel_mm,
-                angle,
-            )
+        let each = captures.par_iter().zip(angle_of).zip(frames);
+        each.filter_map(|((capture, &angle), (frame, view))| {
+            let about = Circle { center: about.center - capture.position_mm, ..about };
+            Sight::new(frame, view, about, pixel_mm, angle)
         })
         .collect()
     };
