@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::camera::View;
 use crate::edge::{
-    Band, Contour, LocateOptions, Located, Profiles, flatten, locate, scan, scan_frame,
+    Band, Contour, LocateOptions, Located, flatten, locate, scan,
 };
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
@@ -141,7 +141,8 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         sectors: sectors_for(contour.length_px(), softness),
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
-    let mut profiles = read(frame, &contour, band, softness);
+    let factor = (softness / 3.0).floor().clamp(1.0, 8.0) as usize;
+    let mut profiles = scan(frame, factor, &contour, band);
     profiles.mask_glare();
     let clip = profiles.clip();
     flatten(&mut profiles, &contour, softness);
@@ -181,15 +182,6 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         points.place_px.push(pixel);
     }
     Some(points)
-}
-
-fn read(frame: &Frame, contour: &Contour, band: Band, softness_px: f64) -> Profiles {
-    let factor = (softness_px / 3.0).floor().clamp(1.0, 8.0) as usize;
-    if factor > 1 {
-        scan(&frame.reduce(factor), factor, contour, band)
-    } else {
-        scan_frame(frame, contour, band)
-    }
 }
 
 /// Measures the circle near `rough`. `known` is what a longer edge has taught about wander.

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, Profiles, scan_frame};
+use crate::edge::{Band, Contour, Profiles, scan};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
@@ -206,7 +206,7 @@ impl Sight {
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
         let band =
             Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px: BIN_PX, sectors: SECTORS };
-        let profiles = scan_frame(frame, &contour, band);
+        let profiles = scan(frame, 1, &contour, band);
         let toward = profiles
             .angle_rad
             .iter()
