@@ -12,6 +12,7 @@ mod noise;
 mod scan;
 mod sector;
 mod shading;
+mod shape;
 mod template;
 
 pub use contour::Contour;
