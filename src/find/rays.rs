@@ -72,8 +72,7 @@ impl Rays {
                 let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
                 let (s, c) = t.sin_cos();
                 let at = |r: f64| value_at(image, center.x + r * c, center.y + r * s);
-                let values: Vec<f32> =
-                    (0..=length + 1).map(|r| at(r as f64).unwrap_or(f32::NAN)).collect();
+                let values: Vec<f32> = (0..=length + 1).map(|r| at(r as f64)).collect();
                 (0..=length)
                     .map(|r| if r == 0 { f32::NAN } else { 0.5 * (values[r + 1] - values[r - 1]) })
                     .collect()
@@ -157,9 +156,10 @@ fn refine(
     let mut guess = rough;
     let mut window = (0.15 * rough.radius).clamp(3.0, 10.0) + blur;
     let mut result = None;
+    let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
     for _ in 0..6 {
-        let mut points = Vec::new();
-        let mut slopes = Vec::new();
+        points.clear();
+        slopes.clear();
         let mut visible = 0.0;
         let rays = ((guess.radius * 3.0) as usize).clamp(32, 180);
         for i in 0..rays {
@@ -168,18 +168,15 @@ fn refine(
             let at = |r: f64| value_at(image, guess.center.x + r * c, guess.center.y + r * s);
             let from = (guess.radius - window).max(1.0);
             let steps = ((guess.radius + window - from) / 0.5) as usize;
-            let profile: Vec<Option<f32>> =
-                (0..=steps).map(|j| at(from + 0.5 * j as f64)).collect();
+            profile.clear();
+            profile.extend((0..=steps).map(|j| at(from + 0.5 * j as f64)));
             let (mut best, mut place) = (0.0f64, 0.0);
-            let slope = |j: usize| -> Option<f64> {
-                Some(
-                    sense * f64::from(profile.get(j + 2)?.as_ref()? - profile[j - 2].as_ref()?)
-                        / 2.0,
-                )
-            };
             let mut seen = false;
             for j in 2..steps.saturating_sub(1) {
-                let Some(v) = slope(j) else { continue };
+                let v = 0.5 * sense * f64::from(profile[j + 2] - profile[j - 2]);
+                if v.is_nan() {
+                    continue;
+                }
                 seen = true;
                 // Nearer edges are preferred to farther ones of about the same strength.
                 let away = (from + 0.5 * j as f64 - guess.radius) / window;
@@ -263,7 +260,8 @@ fn step_across(
         let mut values: Vec<f32> = (0..64)
             .filter_map(|i| {
                 let (s, c) = (std::f64::consts::TAU * f64::from(i) / 64.0).sin_cos();
-                value_at(image, circle.center.x + r * c, circle.center.y + r * s)
+                let value = value_at(image, circle.center.x + r * c, circle.center.y + r * s);
+                (!value.is_nan()).then_some(value)
             })
             .collect();
         if values.is_empty() {

@@ -127,7 +127,7 @@ pub struct Points {
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
 fn sectors_for(length_px: f64, softness_px: f64) -> usize {
-    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 5 * GROUPS)
+    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 3 * GROUPS)
 }
 
 /// The edge points about a rough circle. `None` where no edge can be located there.
