@@ -131,9 +131,8 @@ impl Noise {
         let span = self.shape2.len() as f64;
         let lengths = ((2.0 * span / LEAST_LENGTH).log2().ceil() as usize).max(1);
         let length = |i: usize| LEAST_LENGTH * self.step_px * 2f64.powi(i as i32);
-        let (at, value) = climb([SHARES.len(), lengths], |[i, j]| {
-            likelihood(&rows, SHARES[i], length(j))
-        });
+        let (at, value) =
+            climb([SHARES.len(), lengths], |[i, j]| likelihood(&rows, SHARES[i], length(j)));
         (self.share, self.length_px) = if value > likelihood(&rows, 0.0, 1.0) {
             (SHARES[at[0]], length(at[1]))
         } else {
@@ -152,7 +151,8 @@ fn climb(size: [usize; 2], value: impl Fn([usize; 2]) -> f64) -> ([usize; 2], f6
         let mut best = (at, f64::NEG_INFINITY);
         for place in steps {
             if place[0] < size[0] && place[1] < size[1] {
-                let here = *known[place[0] * size[1] + place[1]].get_or_insert_with(|| value(place));
+                let here =
+                    *known[place[0] * size[1] + place[1]].get_or_insert_with(|| value(place));
                 if here > best.1 {
                     best = (place, here);
                 }

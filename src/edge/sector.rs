@@ -176,8 +176,8 @@ pub(super) fn fit_sector(
     band: &Band,
     whitening: &mut Vec<Whitening>,
 ) -> Match {
-    /// A shift that moves by less than this part of a bin has been found.
-    const SETTLED: f64 = 1e-3;
+    /// A shift that moves by less than this part of its standard deviation has been found.
+    const SETTLED: f64 = 0.03;
     let reach = 0.5 * (band.inside_px + band.outside_px);
     let held = [prior.level, prior.gain, prior.shift, prior.stretch, prior.tail];
     let mut p = SVector::<f64, PARAMETERS>::from(held.map(|h| h.0));
@@ -225,7 +225,7 @@ pub(super) fn fit_sector(
         }
         // What the step leaves of the squares.
         squares = products.squares() - step.dot(&(2.0 * data_right - data * step));
-        if step[2].abs() < SETTLED * band.bin_px {
+        if step[2].abs() < SETTLED * inverse[(2, 2)].sqrt() {
             break;
         }
     }

@@ -13,6 +13,9 @@ use crate::measure::ring::{self, Ring, Search};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
+/// A spot must differ from its surroundings by this many times what the bare surface does by itself: of the circles that may be
+/// drawn into texture some always differ by three or so.
+const STANDING: f64 = 4.0;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -65,8 +68,11 @@ pub(super) fn measure(
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
-        let measured =
-            spots.iter().take(TRIES).find_map(|s| measure_spot(frame, view, s, &ring, &edges));
+        let marks: Vec<Circle> = edges.iter().map(|e| e.circle).collect();
+        let stands_out =
+            |s: &&Candidate| find::standing(&look, s.circle, &marks).is_none_or(|z| z > STANDING);
+        let measured = (spots.iter().filter(stands_out).take(TRIES))
+            .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
         let Some(spot) = measured else {
             lone_ring = true;
             break; // The ring is there; a worse one with a better spot would be a wrong answer.

@@ -3,9 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::camera::View;
-use crate::edge::{
-    Band, Contour, LocateOptions, Located, flatten, locate, scan,
-};
+use crate::edge::{Band, Contour, LocateOptions, Located, flatten, locate, scan};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
