@@ -11,7 +11,7 @@ mod votes;
 
 pub use look::Look;
 pub(crate) use look::blur;
-pub use standing::standing;
+pub use standing::{Sides, standing};
 
 use nalgebra::Vector2;
 

@@ -74,8 +74,8 @@ impl Rays {
             let at = |r: usize| value_at(image, center.x + r as f64 * c, center.y + r as f64 * s);
             values.clear();
             values.extend((0..=length + 1).map(at));
-            for (r, around) in values.windows(3).enumerate() {
-                slope[r + 1][i] = 0.5 * (around[2] - around[0]);
+            for (row, around) in slope[1..].iter_mut().zip(values.windows(3)) {
+                row[i] = 0.5 * (around[2] - around[0]);
             }
         }
         Self { slope }
