@@ -5,8 +5,6 @@
 #[allow(dead_code)]
 mod paint;
 
-use std::path::PathBuf;
-
 use nalgebra::{Matrix3, Vector2, Vector3};
 use paint::{Canvas, Sensor};
 use pivotsight::camera::{Calibration, Lens, Mapping};
@@ -252,15 +250,7 @@ fn blur_of_a_known_rods_arcs() {
         canvas.blur(blur);
         let picture = canvas.picture(QUIET, &mut rng());
         frames.push((picture.into_frame(Channel::Luminance), scale().view(120, 120).unwrap()));
-        captures.push(rod::Capture {
-            image: i.to_string(),
-            path: PathBuf::new(),
-            position_mm,
-            c_deg: 0.0,
-            t_s: None,
-            temp_c: None,
-            direction: None,
-        });
+        captures.push(rod::Capture::in_memory(i.to_string(), position_mm, 0.0));
     }
     let options = rod::Options {
         diameter_mm: Some(2.0 * radius_mm),

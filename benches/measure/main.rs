@@ -2,6 +2,8 @@
 //! `cargo bench --bench measure [--features opencv]`; growth with pixels and edge length, as a picture:
 //! `cargo bench --bench measure -- growth docs/growth.svg`.
 
+#[path = "../../examples/accuracy/decoded.rs"]
+mod decoded;
 mod growth;
 mod memory;
 mod opencv;

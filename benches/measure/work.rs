@@ -1,17 +1,18 @@
 //! Pictures to measure and how time is taken.
 
 use std::hint::black_box;
-use std::path::PathBuf;
 use std::time::Instant;
 
 use nalgebra::Vector2;
-use pivotsight::camera::{Calibration, View};
+use pivotsight::camera::Calibration;
 use pivotsight::error::Result;
 use pivotsight::fit::Circle;
 use pivotsight::frame::{Channel, Frame, Picture};
 use pivotsight::measure::rod;
 use pivotsight::render::camera::Optics;
 use pivotsight::render::{self, BurnScene, Preset, RodScene};
+
+use crate::decoded::{self, Shown};
 
 /// Burns that are measured.
 pub const BURNS: u64 = 6;
@@ -89,7 +90,7 @@ impl Burn {
 /// A rod's captures, decoded.
 pub struct Rod {
     pub captures: Vec<rod::Capture>,
-    frames: Vec<(Frame, View)>,
+    frames: Vec<Shown>,
 }
 
 impl Rod {
@@ -97,22 +98,7 @@ impl Rod {
         let mut scene = RodScene::preset(Preset::Typical)?;
         finer(&mut scene.camera);
         let made = render::rod::render(&scene, 1)?;
-        let (mut captures, mut frames) = (Vec::new(), Vec::new());
-        for (i, capture) in made.captures.iter().enumerate() {
-            let picture = Picture::decode("bench", &capture.picture.png()?)?;
-            let (width, height) = picture.size();
-            let view = made.camera.calibration.view(width, height)?;
-            frames.push((picture.into_frame(Channel::Luminance), view));
-            captures.push(rod::Capture {
-                image: i.to_string(),
-                path: PathBuf::new(),
-                position_mm: capture.machine_mm.into(),
-                c_deg: capture.c_deg,
-                t_s: None,
-                temp_c: None,
-                direction: None,
-            });
-        }
+        let (captures, frames) = decoded::captures(&made)?;
         Ok(Self { captures, frames })
     }
 

@@ -1,13 +1,12 @@
 //! Rendered burns, circles and rods of the three presets: errors against the truth, and whether the stated intervals hold.
 
-use std::path::PathBuf;
-
 use pivotsight::error::Result;
 use pivotsight::frame::{Channel, Picture};
 use pivotsight::measure::{burn, circles, rod};
 use pivotsight::render::{self, BurnScene, Preset, RodScene};
 use rayon::prelude::*;
 
+use crate::decoded;
 use crate::stats::{quantile, share};
 
 const LEVELS: [(&str, Preset); 3] =
@@ -88,22 +87,7 @@ fn two_circles(scene: &BurnScene, seed: u64) -> Answers<3> {
 /// The C axis, or the rod's centre where one table angle only is seen, and the diameter.
 fn one_rod(scene: &RodScene, seed: u64) -> Answers<2> {
     let made = render::rod::render(scene, seed)?;
-    let (mut captures, mut frames) = (Vec::new(), Vec::new());
-    for (i, capture) in made.captures.iter().enumerate() {
-        let picture = Picture::decode("rendered", &capture.picture.png()?)?;
-        let (width, height) = picture.size();
-        let view = made.camera.calibration.view(width, height)?;
-        frames.push((picture.into_frame(Channel::Luminance), view));
-        captures.push(rod::Capture {
-            image: format!("capture {i}"),
-            path: PathBuf::new(),
-            position_mm: capture.machine_mm.into(),
-            c_deg: capture.c_deg,
-            t_s: None,
-            temp_c: None,
-            direction: None,
-        });
-    }
+    let (captures, frames) = decoded::captures(&made)?;
     let report = rod::measure_frames(&captures, &frames, &rod::Options::default())?.report;
     let truth = if report.axis_separated {
         made.truth.axis_center_mm

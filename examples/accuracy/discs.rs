@@ -1,7 +1,6 @@
 //! Blurred discs and quarter arcs with pixel noise against the Cramer-Rao bound.
 
 use std::f64::consts::{FRAC_PI_2, PI, SQRT_2};
-use std::path::PathBuf;
 
 use nalgebra::{DMatrix, Vector2, Vector3};
 use pivotsight::camera::{Calibration, Mapping, View};
@@ -257,15 +256,7 @@ fn four_quarters(cell: &Cell, seed: u64) -> Option<Vec<(f64, usize)>> {
         let seen = truth - position;
         let center = middle + Vector2::new(seen.x, -seen.y);
         frames.push((cell.frame(side, center, &mut rng), view(side, MM_PER_PX)));
-        captures.push(rod::Capture {
-            image: format!("capture {k}"),
-            path: PathBuf::new(),
-            position_mm: position * MM_PER_PX,
-            c_deg,
-            t_s: None,
-            temp_c: None,
-            direction: None,
-        });
+        captures.push(rod::Capture::in_memory(format!("capture {k}"), position * MM_PER_PX, c_deg));
         truths.push(truth);
     }
     let options = rod::Options {

@@ -3,6 +3,7 @@
 //! `cargo run --release --example accuracy -- ` and one of [`USAGE`].
 
 mod coverage;
+mod decoded;
 mod discs;
 mod hostile;
 mod paint;

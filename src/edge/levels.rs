@@ -1,6 +1,6 @@
 //! Slowly varying quantities along a contour: smooth curves through noisy sector values, robustly.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{SMatrix, SVector};
 
 use crate::fit::circle::tukey;
 
@@ -9,9 +9,14 @@ use crate::fit::circle::tukey;
 /// A level that is allowed to vary once round the contour costs half of what is known of the centre, so
 /// higher orders are used only where the values ask for them.
 pub(super) struct Curve {
-    /// Constant; once round (or linear); twice round (or quadratic).
-    orders: Vec<DMatrix<f64>>,
+    /// The curves at each sector: constant; once round (or linear); twice round (or quadratic).
+    basis: Vec<SVector<f64, MOST>>,
+    /// How many of them each order has.
+    widths: [usize; 3],
 }
+
+/// Columns of the highest order.
+const MOST: usize = 5;
 
 impl Curve {
     /// For sectors 0..n evenly spread.
@@ -26,15 +31,16 @@ impl Curve {
             }
         };
         let widths = if closed { [1, 3, 5] } else { [1, 2, 3] };
-        Self { orders: widths.iter().map(|&w| DMatrix::from_fn(sectors, w, column)).collect() }
+        let basis = (0..sectors).map(|s| SVector::from_fn(|c, _| column(s, c))).collect();
+        Self { basis, widths }
     }
 
     /// The robust curve through `values` (weight 0: no value), and the standard deviation about it.
     pub(super) fn fit(&self, values: &[f64], weights: &[f64]) -> (Vec<f64>, f64) {
         let (mut best, mut sd, mut sum) = self.fit_order(0, values, weights);
         let used = weights.iter().filter(|w| **w > 0.0).count() as f64;
-        for order in 1..self.orders.len() {
-            let columns = self.orders[order].ncols() as f64;
+        for order in 1..self.widths.len() {
+            let columns = self.widths[order] as f64;
             if used < 3.0 * columns {
                 break;
             }
@@ -56,13 +62,12 @@ impl Curve {
         values: &[f64],
         weights: &[f64],
     ) -> (Vec<f64>, f64, f64) {
-        let basis = &self.orders[order];
-        let (n, p) = basis.shape();
+        let (n, p) = (self.basis.len(), self.widths[order]);
         let mut fitted = vec![median(values, weights); n];
         let mut sd = spread(values, &fitted, weights);
         for _ in 0..6 {
-            let mut normal = DMatrix::<f64>::zeros(p, p);
-            let mut right = DVector::<f64>::zeros(p);
+            let mut normal = SMatrix::<f64, MOST, MOST>::zeros();
+            let mut right = SVector::<f64, MOST>::zeros();
             for s in 0..n {
                 let w = if sd > 0.0 {
                     weights[s] * tukey((values[s] - fitted[s]) / sd)
@@ -70,19 +75,24 @@ impl Curve {
                     weights[s]
                 };
                 if w > 0.0 {
-                    let row = basis.row(s).transpose();
-                    normal += &row * row.transpose() * w;
-                    right += &row * (w * values[s]);
+                    let row = &self.basis[s];
+                    normal += row * (row * w).transpose();
+                    right += row * (w * values[s]);
                 }
             }
-            // A little ridge keeps long gaps from swinging.
-            let ridge = 1e-6 * normal.trace() / p as f64;
+            // A little ridge keeps long gaps from swinging; what is beyond this order is held at zero.
+            let ridge = 1e-6 * (0..p).map(|c| normal[(c, c)]).sum::<f64>() / p as f64;
             for c in 1..p {
                 normal[(c, c)] += ridge;
             }
+            for c in p..MOST {
+                normal.row_mut(c).fill(0.0);
+                normal.column_mut(c).fill(0.0);
+                (normal[(c, c)], right[c]) = (1.0, 0.0);
+            }
             let Some(cholesky) = normal.cholesky() else { break };
             let coefficients = cholesky.solve(&right);
-            fitted = (basis * coefficients).iter().copied().collect();
+            fitted.iter_mut().zip(&self.basis).for_each(|(f, row)| *f = row.dot(&coefficients));
             sd = spread(values, &fitted, weights);
         }
         let cap = (3.0 * sd).powi(2);

@@ -11,6 +11,7 @@
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
 use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, bins_of, fit_sector, search};
+use crate::edge::shape::Shape;
 use crate::edge::template::Step;
 use crate::edge::{Profiles, Template};
 
@@ -104,10 +105,11 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     };
     let mut priors = vec![nothing; n];
     let mut matches: Vec<Match> = Vec::new();
-    let mut noise = Noise::white((0.05 * range).powi(2), template.values.len());
+    let mut noise = Noise::white((0.05 * range).powi(2), &template);
     let curve = Curve::new(n, closed);
+    let mut whitening = Vec::new();
     for round in 0..options.rounds {
-        let edge = template.edge();
+        let shape = Shape::of(&template);
         matches = (0..n)
             .map(|s| {
                 if alive[s] == 0.0 {
@@ -117,11 +119,12 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                     Some(m) if m.shift_variance.is_finite() => {
                         let (mean, variance) = priors[s].shift;
                         let astray = (m.shift - mean).powi(2) > variance;
-                        if astray { mean } else { m.shift }
+                        if astray { (mean, 0.0) } else { (m.shift, m.stretch) }
                     }
-                    _ => search(&sectors[s], &template, profiles),
+                    _ => (search(&sectors[s], &template, profiles), 0.0),
                 };
-                fit_sector(&sectors[s], &template, &edge, priors[s], &noise, start, profiles)
+                let (bins, prior, band) = (&sectors[s], priors[s], &profiles.band);
+                fit_sector(bins, &shape, prior, &noise, start, band, &mut whitening)
             })
             .collect();
         let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
@@ -145,16 +148,16 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         if alive.iter().sum::<f64>() < 6.0 {
             return None;
         }
-        noise.learn_sizes(&template, &edge, &sectors, &matches, &alive);
+        noise.learn_sizes(&shape, &sectors, &matches, &alive);
         noise.pixel2 = noise.pixel2.max(LEAST_NOISE * LEAST_NOISE * range * range);
         if round == 0 {
             noise.shape2.fill(0.0);
         } else {
-            noise.learn_correlation(&template, &edge, &sectors, &matches, &alive);
+            noise.learn_correlation(&shape, &sectors, &matches, &alive);
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if round + 1 < options.rounds {
-            rebuild(&mut template, &edge, &sectors, &matches, &alive, &curve, &noise);
+            rebuild(&mut template, &shape, &sectors, &matches, &alive, &curve, &noise);
         }
     }
     let step = template.edge();
@@ -293,7 +296,7 @@ fn update_priors(
 /// The common profile again, from all usable sectors laid on top of each other.
 fn rebuild(
     template: &mut Template,
-    edge: &Step,
+    shape: &Shape,
     sectors: &[Vec<Bin>],
     matches: &[Match],
     alive: &[f64],
@@ -319,19 +322,19 @@ fn rebuild(
         let m = &matches[s];
         let shift = smooth[s] + trust * (m.shift - smooth[s]);
         for b in bins {
-            let x = Match { shift, ..*m }.place(b, edge);
+            let x = Match { shift, ..*m }.place(b, &shape.edge);
             let place = (x - template.start_px) / template.step_px;
             let node = place.round();
             if node < 0.0 || node >= n as f64 {
                 continue;
             }
-            let (old, slope) = template.at(x);
-            let y = (b.value - m.level - (m.tail - usual_tail) * edge.tail(x)) / m.gain;
+            let old = shape.at(x);
+            let y = (b.value - m.level - (m.tail - usual_tail) * old.tail) / m.gain;
             let i = node as usize;
             let variance = noise.variance(b, i);
-            let r = (y - old) * m.gain / variance.sqrt();
+            let r = (y - old.profile) * m.gain / variance.sqrt();
             let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
-            sum[i] += w * (y - slope * (place - node) * template.step_px);
+            sum[i] += w * (y - old.slope * (place - node) * template.step_px);
             weight[i] += w;
             pixels[i] += b.count;
         }

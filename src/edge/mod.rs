@@ -12,11 +12,12 @@ mod noise;
 mod scan;
 mod sector;
 mod shading;
+mod shape;
 mod template;
 
 pub use contour::Contour;
 pub(crate) use contour::wrap;
 pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
-pub use scan::{Band, Profiles, scan, scan_frame};
+pub use scan::{Band, Profiles, scan};
 pub use shading::flatten;
 pub use template::Template;

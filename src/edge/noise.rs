@@ -8,13 +8,13 @@
 
 use crate::edge::Template;
 use crate::edge::levels::median;
-use crate::edge::sector::{Bin, Match, PARAMETERS};
-use crate::edge::template::Step;
+use crate::edge::sector::{Bin, Match, PARAMETERS, Products, Row};
+use crate::edge::shape::Shape;
 
 /// Shares of the correlated part tried.
 const SHARES: [f64; 6] = [0.3, 0.5, 0.7, 0.85, 0.93, 0.98];
-/// Values in a row: those of the model's columns and the residual.
-const WIDTH: usize = PARAMETERS + 1;
+/// Correlation lengths tried, in nodes of the common profile: each twice the one before.
+const LEAST_LENGTH: f64 = 2.0;
 
 /// The model of the errors.
 #[derive(Debug, Clone)]
@@ -27,12 +27,17 @@ pub(super) struct Noise {
     share: f64,
     /// Its correlation length ℓ.
     length_px: f64,
+    /// Where the nodes are.
+    start_px: f64,
+    step_px: f64,
 }
 
 impl Noise {
-    /// Independent errors of one size.
-    pub(super) fn white(pixel2: f64, nodes: usize) -> Self {
-        Self { pixel2, shape2: vec![0.0; nodes], share: 0.0, length_px: 1.0 }
+    /// Independent errors of one size, at the nodes of a common profile.
+    pub(super) fn white(pixel2: f64, template: &Template) -> Self {
+        let shape2 = vec![0.0; template.values.len()];
+        let Template { start_px, step_px, .. } = *template;
+        Self { pixel2, shape2, share: 0.0, length_px: 1.0, start_px, step_px }
     }
 
     /// Variance of a bin's mean.
@@ -40,16 +45,26 @@ impl Noise {
         self.pixel2 / bin.count + self.shape2[node]
     }
 
-    /// A filter for one profile.
-    pub(super) fn filter(&self) -> Filter {
-        Filter::new(self.share, self.length_px)
+    /// The node nearest to a distance.
+    fn node(&self, distance_px: f64) -> usize {
+        let place = ((distance_px - self.start_px) / self.step_px).round().max(0.0);
+        (place as usize).min(self.shape2.len() - 1)
+    }
+
+    /// What makes a profile's errors independent, bin by bin.
+    pub(super) fn whitening(&self, bins: &[Bin], shift_px: f64, list: &mut Vec<Whitening>) {
+        list.clear();
+        let mut filter = Filter::new(self.share, self.length_px);
+        list.extend(bins.iter().map(|b| {
+            let weight = 1.0 / self.variance(b, self.node(b.distance - shift_px)).sqrt();
+            filter.next(b.distance, weight)
+        }));
     }
 
     /// Learns the variances from what the matches leave over.
     pub(super) fn learn_sizes(
         &mut self,
-        template: &Template,
-        edge: &Step,
+        shape: &Shape,
         sectors: &[Vec<Bin>],
         matches: &[Match],
         alive: &[f64],
@@ -59,8 +74,8 @@ impl Noise {
         let mut counts = vec![0.0; n];
         for (s, bins) in sectors.iter().enumerate().filter(|(s, _)| alive[*s] > 0.0) {
             for b in bins {
-                let i = template.node(b.distance - matches[s].shift);
-                sizes[i].push(matches[s].residual(b, template, edge).abs());
+                let i = self.node(b.distance - matches[s].shift);
+                sizes[i].push(matches[s].residual(b, shape).abs());
                 counts[i] += b.count;
             }
         }
@@ -93,8 +108,7 @@ impl Noise {
     /// Learns the correlation from what the matches leave over.
     pub(super) fn learn_correlation(
         &mut self,
-        template: &Template,
-        edge: &Step,
+        shape: &Shape,
         sectors: &[Vec<Bin>],
         matches: &[Match],
         alive: &[f64],
@@ -102,54 +116,81 @@ impl Noise {
         let used: Vec<usize> = (0..sectors.len()).filter(|&s| alive[s] > 0.0).collect();
         // A few dozen sectors know as much of the texture as all of them.
         let every = used.len().div_ceil(30).max(1);
-        let rows: Vec<Vec<(f64, [f64; WIDTH])>> = used
+        let rows: Vec<Vec<(f64, Row)>> = used
             .iter()
             .step_by(every)
             .map(|&s| {
-                let row = |b: &Bin| (b.distance, matches[s].row(b, template, edge, self));
+                let row = |b: &Bin| {
+                    let variance = self.variance(b, self.node(b.distance - matches[s].shift));
+                    let weight = 1.0 / variance.sqrt();
+                    (b.distance, matches[s].row(b, shape).map(|v| v * weight))
+                };
                 sectors[s].iter().map(row).collect()
             })
             .collect();
-        let step = template.step_px;
-        let span = step * template.values.len() as f64;
-        let mut best = (likelihood(&rows, 0.0, 1.0), 0.0, 1.0);
-        let mut length = 2.0 * step;
-        while length < 2.0 * span {
-            for share in SHARES {
-                let value = likelihood(&rows, share, length);
-                if value > best.0 {
-                    best = (value, share, length);
+        let span = self.shape2.len() as f64;
+        let lengths = ((2.0 * span / LEAST_LENGTH).log2().ceil() as usize).max(1);
+        let length = |i: usize| LEAST_LENGTH * self.step_px * 2f64.powi(i as i32);
+        let (at, value) =
+            climb([SHARES.len(), lengths], |[i, j]| likelihood(&rows, SHARES[i], length(j)));
+        (self.share, self.length_px) = if value > likelihood(&rows, 0.0, 1.0) {
+            (SHARES[at[0]], length(at[1]))
+        } else {
+            (0.0, 1.0)
+        };
+    }
+}
+
+/// The place of a grid, and the value there, from which no step up, down, left or right leads higher; from its middle.
+fn climb(size: [usize; 2], value: impl Fn([usize; 2]) -> f64) -> ([usize; 2], f64) {
+    let mut known = vec![None; size[0] * size[1]];
+    let mut at = size.map(|n| n / 2);
+    loop {
+        let [i, j] = at;
+        let steps = [at, [i + 1, j], [i.wrapping_sub(1), j], [i, j + 1], [i, j.wrapping_sub(1)]];
+        let mut best = (at, f64::NEG_INFINITY);
+        for place in steps {
+            if place[0] < size[0] && place[1] < size[1] {
+                let here =
+                    *known[place[0] * size[1] + place[1]].get_or_insert_with(|| value(place));
+                if here > best.1 {
+                    best = (place, here);
                 }
             }
-            length *= 2.0;
         }
-        (self.share, self.length_px) = (best.1, best.2);
+        if best.0 == at {
+            return best;
+        }
+        at = best.0;
     }
 }
 
 /// Restricted log likelihood of the residuals (scale known), each profile's own parameters projected out.
-fn likelihood(rows: &[Vec<(f64, [f64; WIDTH])>], share: f64, length_px: f64) -> f64 {
-    use nalgebra::{SMatrix, SVector};
+fn likelihood(rows: &[Vec<(f64, Row)>], share: f64, length_px: f64) -> f64 {
     let mut sum = 0.0;
     for profile in rows {
         let mut filter = Filter::new(share, length_px);
-        let mut normal = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
-        let mut right = SVector::<f64, PARAMETERS>::zeros();
-        let (mut squares, mut log_det) = (0.0, 0.0);
+        let mut products = Products::default();
+        let mut mean = Row::default();
+        let (mut sizes, mut log_det) = (1.0f64, 0.0);
         for (at, row) in profile {
-            let (row, variance) = filter.next(*at, *row);
-            let x = SVector::<f64, PARAMETERS>::from_column_slice(&row[..PARAMETERS]);
-            normal += x * x.transpose();
-            right += x * row[PARAMETERS];
-            squares += row[PARAMETERS] * row[PARAMETERS];
-            log_det += variance.ln();
+            let whitening = filter.next(*at, 1.0);
+            products.add(&whitening.apply(*row, &mut mean));
+            // Logarithms are dear: one for many factors, none of them under 1.
+            sizes *= whitening.size;
+            if sizes > 1e100 {
+                log_det -= 2.0 * sizes.ln();
+                sizes = 1.0;
+            }
         }
+        log_det -= 2.0 * sizes.ln();
+        let (mut normal, right) = (products.normal(), products.right());
         for i in 0..PARAMETERS {
             normal[(i, i)] *= 1.0 + 1e-9;
             normal[(i, i)] += 1e-12;
         }
         let Some(cholesky) = normal.cholesky() else { continue };
-        let left = squares - right.dot(&cholesky.solve(&right));
+        let left = products.squares() - right.dot(&cholesky.solve(&right));
         let det = 2.0 * cholesky.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>();
         // One odd sector must not decide for all.
         let dof = (profile.len() as f64 - PARAMETERS as f64).max(1.0);
@@ -159,39 +200,57 @@ fn likelihood(rows: &[Vec<(f64, [f64; WIDTH])>], share: f64, length_px: f64) -> 
     sum
 }
 
-/// Makes correlated values of unit variance independent, one after the other.
-pub(super) struct Filter {
+/// What is done to a bin's row to make it independent of the rows before it, and of unit variance.
+#[derive(Clone, Copy)]
+pub(super) struct Whitening {
+    /// One over the standard deviation of the bin.
+    weight: f64,
+    /// How much of what the earlier rows foretell is left at this bin.
+    fade: f64,
+    /// How much of a surprise is believed.
+    gain: f64,
+    /// One over the standard deviation of a surprise.
+    size: f64,
+}
+
+impl Whitening {
+    /// The row's part that the earlier ones do not foretell. `mean` is what they do: zero before the first row.
+    #[inline]
+    pub(super) fn apply(&self, mut row: Row, mean: &mut Row) -> Row {
+        for (value, mean) in row.iter_mut().zip(mean) {
+            let foretold = self.fade * *mean;
+            let surprise = self.weight * *value - foretold;
+            *mean = foretold + self.gain * surprise;
+            *value = surprise * self.size;
+        }
+        row
+    }
+}
+
+/// Works out, bin after bin, how correlated values become independent: it depends on where the bins are alone.
+struct Filter {
     share: f64,
     length_px: f64,
     at: Option<f64>,
-    mean: [f64; WIDTH],
     variance: f64,
 }
 
 impl Filter {
     fn new(share: f64, length_px: f64) -> Self {
-        Self { share, length_px, at: None, mean: [0.0; WIDTH], variance: share }
+        Self { share, length_px, at: None, variance: share }
     }
 
-    /// The next value's part that the earlier ones do not foretell, scaled to unit variance; and the variance it had.
-    pub(super) fn next(&mut self, at: f64, mut row: [f64; WIDTH]) -> ([f64; WIDTH], f64) {
+    /// What is done at the next bin, at a distance; `weight` is one over its standard deviation.
+    fn next(&mut self, at: f64, weight: f64) -> Whitening {
         if self.share == 0.0 {
-            return (row, 1.0);
+            return Whitening { weight, fade: 0.0, gain: 0.0, size: 1.0 };
         }
-        if let Some(last) = self.at {
-            let fade = (-(at - last).abs() / self.length_px).exp();
-            self.mean.iter_mut().for_each(|m| *m *= fade);
-            self.variance = fade * fade * self.variance + self.share * (1.0 - fade * fade);
-        }
+        let fade = self.at.map_or(1.0, |last| (-(at - last).abs() / self.length_px).exp());
+        self.variance = fade * fade * self.variance + self.share * (1.0 - fade * fade);
         self.at = Some(at);
         let total = self.variance + 1.0 - self.share;
-        let (gain, size) = (self.variance / total, 1.0 / total.sqrt());
-        for (value, mean) in row.iter_mut().zip(&mut self.mean) {
-            let surprise = *value - *mean;
-            *mean += gain * surprise;
-            *value = surprise * size;
-        }
+        let gain = self.variance / total;
         self.variance *= 1.0 - gain;
-        (row, total)
+        Whitening { weight, fade, gain, size: 1.0 / total.sqrt() }
     }
 }

@@ -118,17 +118,21 @@ impl Profiles {
     }
 }
 
-/// Reads a band of a frame. See [`scan`].
-pub fn scan_frame(frame: &Frame, contour: &Contour, band: Band) -> Profiles {
+/// Reads a band of a frame, reduced by `factor` (see [`Gray::reduce`]) where the edge is soft enough for that; contour and
+/// band are in pixels of the full frame.
+pub fn scan(frame: &Frame, factor: usize, contour: &Contour, band: Band) -> Profiles {
     match frame {
-        Frame::Eight(g) => scan(g, 1, contour, band),
-        Frame::Sixteen(g) => scan(g, 1, contour, band),
+        Frame::Eight(g) => scan_pixels(g, factor, contour, band),
+        Frame::Sixteen(g) => scan_pixels(g, factor, contour, band),
     }
 }
 
-/// Reads a band of a picture that was reduced by `factor` (see [`Gray::reduce`]); contour and band are in pixels
-/// of the full picture.
-pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: Band) -> Profiles {
+fn scan_pixels<T: Sample>(
+    image: &Gray<T>,
+    factor: usize,
+    contour: &Contour,
+    band: Band,
+) -> Profiles {
     let bins = (((band.inside_px + band.outside_px) / band.bin_px).ceil() as usize).max(1);
     let cells = bins * band.sectors;
     let mut count = vec![0.0f32; cells];
@@ -141,12 +145,13 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
     let outer = contour.max_radius_px() + band.outside_px;
     let inner = (contour.min_radius_px() - band.inside_px).max(0.0);
     let sector_scale = band.sectors as f64 / contour.span_rad;
-    let rows = row_range(oy - outer, oy + outer, k, middle, image.height);
+    let (width, height) = (image.width / factor, image.height / factor);
+    let (mut columns, mut pixels) = (Vec::new(), Vec::new());
+    let rows = row_range(oy - outer, oy + outer, k, middle, height);
     for j in rows {
         let dy = j as f64 * k + middle - oy;
         let reach = (outer * outer - dy * dy).max(0.0).sqrt();
         let hole = (inner * inner - dy * dy).max(0.0).sqrt();
-        let row = image.row(j);
         let spans = if hole > 0.0 {
             [(-reach, -hole), (hole, reach)]
         } else {
@@ -156,7 +161,10 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
             if from > to {
                 continue;
             }
-            for i in row_range(ox + from, ox + to, k, middle, image.width) {
+            let columns_read = row_range(ox + from, ox + to, k, middle, width);
+            pixels.clear();
+            image.blocks(factor, j, columns_read.clone(), &mut columns, &mut pixels);
+            for (i, &pixel) in columns_read.zip(&pixels) {
                 let dx = i as f64 * k + middle - ox;
                 let mut angle = atan2(dy, dx) - contour.start_rad;
                 angle -=
@@ -173,7 +181,6 @@ pub fn scan<T: Sample>(image: &Gray<T>, factor: usize, contour: &Contour, band: 
                 let sector = ((angle * sector_scale) as usize).min(band.sectors - 1);
                 let cell = sector * bins + bin as usize;
                 count[cell] += 1.0;
-                let pixel = row[i].value();
                 value[cell] += pixel;
                 top = top.max(pixel);
                 distance_px[cell] += distance as f32;

@@ -1,8 +1,11 @@
 //! One sector's profile matched with the common one.
 
-use crate::edge::noise::Noise;
+use nalgebra::{SMatrix, SVector};
+
+use crate::edge::noise::{Noise, Whitening};
+use crate::edge::shape::Shape;
 use crate::edge::template::Step;
-use crate::edge::{Profiles, Template};
+use crate::edge::{Band, Profiles, Template};
 
 /// Parameters of a sector: level, gain, shift, stretch and tail.
 pub(super) const PARAMETERS: usize = 5;
@@ -27,9 +30,9 @@ pub(super) struct Match {
 
 impl Match {
     /// What the match leaves over of a bin's value.
-    pub(super) fn residual(&self, b: &Bin, template: &Template, edge: &Step) -> f64 {
-        let place = self.place(b, edge);
-        b.value - self.level - self.gain * template.at(place).0 - self.tail * edge.tail(place)
+    pub(super) fn residual(&self, b: &Bin, shape: &Shape) -> f64 {
+        let at = shape.at(self.place(b, &shape.edge));
+        b.value - self.level - self.gain * at.profile - self.tail * at.tail
     }
 
     /// Where a bin falls on the common profile.
@@ -37,27 +40,48 @@ impl Match {
         edge.distance_px + (1.0 + self.stretch) * (b.distance - self.shift - edge.distance_px)
     }
 
-    /// Slopes of the model in level, gain, shift, stretch and tail.
-    fn columns(&self, b: &Bin, template: &Template, edge: &Step) -> [f64; PARAMETERS] {
-        let from_edge = b.distance - self.shift - edge.distance_px;
-        let place = self.place(b, edge);
-        let (t, slope) = template.at(place);
-        let steep = self.gain * slope;
-        [1.0, t, -steep * (1.0 + self.stretch), steep * from_edge, edge.tail(place)]
+    /// Slopes of the model in level, gain, shift, stretch and tail, and the residual.
+    #[inline]
+    pub(super) fn row(&self, b: &Bin, shape: &Shape) -> Row {
+        let from_edge = b.distance - self.shift - shape.edge.distance_px;
+        let at = shape.at(shape.edge.distance_px + (1.0 + self.stretch) * from_edge);
+        let steep = self.gain * at.slope;
+        let residual = b.value - self.level - self.gain * at.profile - self.tail * at.tail;
+        [1.0, at.profile, -steep * (1.0 + self.stretch), steep * from_edge, at.tail, residual]
+    }
+}
+
+/// Slopes of a sector's model at a bin, and the residual there.
+pub(super) type Row = [f64; PARAMETERS + 1];
+
+/// Sums of products of whitened rows: the normal equations, their right side and the residuals' squares.
+#[derive(Default)]
+pub(super) struct Products([[f64; PARAMETERS + 1]; PARAMETERS + 1]);
+
+impl Products {
+    /// Takes in one row.
+    #[inline]
+    pub(super) fn add(&mut self, row: &Row) {
+        for i in 0..=PARAMETERS {
+            for j in i..=PARAMETERS {
+                self.0[i][j] += row[i] * row[j];
+            }
+        }
     }
 
-    /// Slopes and residual in standard deviations of the bin.
-    pub(super) fn row(
-        &self,
-        b: &Bin,
-        template: &Template,
-        edge: &Step,
-        noise: &Noise,
-    ) -> [f64; PARAMETERS + 1] {
-        let weight = 1.0 / noise.variance(b, template.node(b.distance - self.shift)).sqrt();
-        let mut row = [self.residual(b, template, edge); PARAMETERS + 1];
-        row[..PARAMETERS].copy_from_slice(&self.columns(b, template, edge));
-        row.map(|v| v * weight)
+    /// The normal matrix.
+    pub(super) fn normal(&self) -> SMatrix<f64, PARAMETERS, PARAMETERS> {
+        SMatrix::from_fn(|i, j| self.0[i.min(j)][i.max(j)])
+    }
+
+    /// The right side.
+    pub(super) fn right(&self) -> SVector<f64, PARAMETERS> {
+        SVector::from_fn(|i, _| self.0[i][PARAMETERS])
+    }
+
+    /// The residuals' squares.
+    pub(super) fn squares(&self) -> f64 {
+        self.0[PARAMETERS][PARAMETERS]
     }
 }
 
@@ -108,19 +132,28 @@ pub(super) fn bins_of(profiles: &Profiles, sector: usize) -> Vec<Bin> {
 /// The shift with the best correlation, over the whole band: the start for a sector that has none.
 pub(super) fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> f64 {
     let reach = 0.4 * (profiles.band.inside_px + profiles.band.outside_px);
-    let step = (2.0 * profiles.band.bin_px).max(reach / 16.0);
+    let stride = (reach / 16.0 / template.step_px).round().max(2.0) as i32;
+    let step = f64::from(stride) * template.step_px;
     let count = (reach / step).floor() as i32;
+    let last = template.values.len() as i32 - 1;
+    let (mut w, mut v) = (0.0, 0.0);
+    let nodes: Vec<i32> = bins
+        .iter()
+        .map(|b| {
+            (w, v) = (w + b.count, v + b.count * b.value);
+            ((b.distance - template.start_px) / template.step_px).round() as i32
+        })
+        .collect();
     let mut best = (f64::NEG_INFINITY, 0.0);
     for i in -count..=count {
         let shift = f64::from(i) * step;
-        let (mut w, mut t, mut v, mut tt, mut tv) = (0.0, 0.0, 0.0, 0.0, 0.0);
-        for b in bins {
-            let (x, _) = template.at(b.distance - shift);
-            w += b.count;
-            t += b.count * x;
-            v += b.count * b.value;
-            tt += b.count * x * x;
-            tv += b.count * x * b.value;
+        let (mut t, mut tt, mut tv) = (0.0, 0.0, 0.0);
+        for (b, node) in bins.iter().zip(&nodes) {
+            let x = template.values[(node - i * stride).clamp(0, last) as usize];
+            let counted = b.count * x;
+            t += counted;
+            tt += counted * x;
+            tv += counted * b.value;
         }
         let (var, cov) = (tt - t * t / w, tv - t * v / w);
         // A far shift must explain clearly more than a near one.
@@ -133,21 +166,22 @@ pub(super) fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> 
     best.1
 }
 
-/// Gauss-Newton for one sector's parameters.
+/// Gauss-Newton for one sector's parameters, from the shift and stretch of `start`. `whitening` is room to work in.
 pub(super) fn fit_sector(
     bins: &[Bin],
-    template: &Template,
-    edge: &Step,
+    shape: &Shape,
     prior: Prior,
     noise: &Noise,
-    start: f64,
-    profiles: &Profiles,
+    start: (f64, f64),
+    band: &Band,
+    whitening: &mut Vec<Whitening>,
 ) -> Match {
-    use nalgebra::{SMatrix, SVector};
-    let reach = 0.5 * (profiles.band.inside_px + profiles.band.outside_px);
+    /// A shift that moves by less than this part of its standard deviation has been found.
+    const SETTLED: f64 = 0.03;
+    let reach = 0.5 * (band.inside_px + band.outside_px);
     let held = [prior.level, prior.gain, prior.shift, prior.stretch, prior.tail];
     let mut p = SVector::<f64, PARAMETERS>::from(held.map(|h| h.0));
-    p[2] = start;
+    p[2] = start.0;
     let of = |p: &SVector<f64, PARAMETERS>| Match {
         level: p[0],
         gain: p[1],
@@ -156,18 +190,19 @@ pub(super) fn fit_sector(
         tail: p[4],
         ..NO_MATCH
     };
-    let mut inverse = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
+    let (mut inverse, mut squares) = (SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros(), 0.0);
+    noise.whitening(bins, start.0, whitening);
+    let mut last_shift = 0.0f64;
     for _ in 0..8 {
-        let mut normal = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
-        let mut right = SVector::<f64, PARAMETERS>::zeros();
+        let mut products = Products::default();
         let now = of(&p);
-        let mut filter = noise.filter();
-        for b in bins {
-            let (row, _) = filter.next(b.distance, now.row(b, template, edge, noise));
-            let x = SVector::<f64, PARAMETERS>::from_column_slice(&row[..PARAMETERS]);
-            normal += x * x.transpose();
-            right += x * row[PARAMETERS];
+        let mut mean = Row::default();
+        for (b, w) in bins.iter().zip(&*whitening) {
+            products.add(&w.apply(now.row(b, shape), &mut mean));
         }
+        let data = products.normal();
+        let data_right = products.right();
+        let (mut normal, mut right) = (data, data_right);
         for (i, (mean, variance)) in held.into_iter().enumerate() {
             normal[(i, i)] += 1.0 / variance;
             right[i] += (mean - p[i]) / variance;
@@ -178,30 +213,31 @@ pub(super) fn fit_sector(
         // Far steps leave the range in which the slope means anything.
         let limit = 0.25 * reach;
         step[2] = step[2].clamp(-limit, limit);
+        // Steps to and fro would never end.
+        if step[2] * last_shift < 0.0 {
+            step *= 0.5;
+        }
+        last_shift = step[2];
         p += step;
         p[3] = p[3].clamp(-0.6, 1.5);
         if p[2].abs() > reach || !p.iter().all(|v| v.is_finite()) {
             return NO_MATCH;
         }
-        if step[2].abs() < 1e-4 * profiles.band.bin_px {
+        // What the step leaves of the squares.
+        squares = products.squares() - step.dot(&(2.0 * data_right - data * step));
+        if step[2].abs() < SETTLED * inverse[(2, 2)].sqrt() {
             break;
         }
     }
-    let last = of(&p);
-    let mut filter = noise.filter();
-    let misfit: f64 = bins
-        .iter()
-        .map(|b| filter.next(b.distance, last.row(b, template, edge, noise)).0[PARAMETERS].powi(2))
-        .sum();
     Match {
         level_variance: inverse[(0, 0)],
         gain_variance: inverse[(1, 1)],
         shift_variance: inverse[(2, 2)],
         stretch_variance: inverse[(3, 3)],
         tail_variance: inverse[(4, 4)],
-        misfit: misfit / (bins.len() as f64 - 4.0).max(1.0),
+        misfit: squares.max(0.0) / (bins.len() as f64 - 4.0).max(1.0),
         measured: without((p[2], inverse[(2, 2)]), prior.shift),
-        ..last
+        ..of(&p)
     }
 }
 

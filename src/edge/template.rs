@@ -1,6 +1,6 @@
-//! The profile common to all sectors: value over distance, with its slope.
+//! The profile common to all sectors: value over distance.
 
-/// A smooth curve through equally spaced values (Catmull-Rom: continuous slope).
+/// A profile at equally spaced distances.
 #[derive(Debug, Clone)]
 pub struct Template {
     /// Distance of the first value.
@@ -12,36 +12,6 @@ pub struct Template {
 }
 
 impl Template {
-    /// Value and slope per pixel at a distance; constant beyond the ends.
-    pub fn at(&self, distance_px: f64) -> (f64, f64) {
-        let n = self.values.len();
-        let x = (distance_px - self.start_px) / self.step_px;
-        if n < 2 || x <= 0.0 {
-            return (self.values[0], 0.0);
-        }
-        if x >= (n - 1) as f64 {
-            return (self.values[n - 1], 0.0);
-        }
-        let i = (x as usize).min(n - 2);
-        let f = x - i as f64;
-        let p1 = self.values[i];
-        let p2 = self.values[i + 1];
-        let p0 = if i > 0 { self.values[i - 1] } else { 2.0 * p1 - p2 };
-        let p3 = if i + 2 < n { self.values[i + 2] } else { 2.0 * p2 - p1 };
-        let (a, b, c) = (
-            0.5 * (3.0 * (p1 - p2) + p3 - p0),
-            p0 - 2.5 * p1 + 2.0 * p2 - 0.5 * p3,
-            0.5 * (p2 - p0),
-        );
-        (p1 + f * (c + f * (b + f * a)), (c + f * (2.0 * b + f * 3.0 * a)) / self.step_px)
-    }
-
-    /// Index of the value nearest to a distance.
-    pub fn node(&self, distance_px: f64) -> usize {
-        let place = ((distance_px - self.start_px) / self.step_px).round().max(0.0);
-        (place as usize).min(self.values.len() - 1)
-    }
-
     /// Smooths with a binomial kernel, `times` over.
     pub fn smooth(&mut self, times: usize) {
         let n = self.values.len();
@@ -88,8 +58,13 @@ impl Template {
         /// Softnesses from its middle at which an edge has risen.
         const RISEN: f64 = 2.6;
         let n = self.values.len();
-        let slope: Vec<f64> =
-            (0..n).map(|i| self.at(self.start_px + self.step_px * i as f64).1).collect();
+        let v = &self.values;
+        let slope: Vec<f64> = (0..n)
+            .map(|i| {
+                let inner = i > 0 && i + 1 < n;
+                if inner { 0.5 * (v[i + 1] - v[i - 1]) / self.step_px } else { 0.0 }
+            })
+            .collect();
         // Of edges about as strong, the one nearest to where it is expected; the ends of the profile are no edges.
         let end_px = self.start_px + self.step_px * (n - 1) as f64;
         let strength = |i: usize| {

@@ -48,18 +48,18 @@ impl Look {
     }
 }
 
-/// Bilinear value; `None` outside the picture.
-pub(super) fn value_at(image: &Gray<f32>, x: f64, y: f64) -> Option<f32> {
+/// Bilinear value; NaN outside the picture.
+#[inline]
+pub(super) fn value_at(image: &Gray<f32>, x: f64, y: f64) -> f32 {
     if !(x >= 0.0 && y >= 0.0 && x < (image.width - 1) as f64 && y < (image.height - 1) as f64) {
-        return None;
+        return f32::NAN;
     }
     let (i, j) = (x as usize, y as usize);
     let (fx, fy) = ((x - i as f64) as f32, (y - j as f64) as f32);
     let at = j * image.width + i;
-    let d = &image.data;
-    let top = d[at] + fx * (d[at + 1] - d[at]);
-    let low = d[at + image.width] + fx * (d[at + image.width + 1] - d[at + image.width]);
-    Some(top + fy * (low - top))
+    let (top, low) = (&image.data[at..at + 2], &image.data[at + image.width..at + image.width + 2]);
+    let (top, low) = (top[0] + fx * (top[1] - top[0]), low[0] + fx * (low[1] - low[0]));
+    top + fy * (low - top)
 }
 
 /// Gaussian blur in two passes, edges repeated.

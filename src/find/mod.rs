@@ -6,10 +6,12 @@
 
 mod look;
 mod rays;
+mod standing;
 mod votes;
 
 pub use look::Look;
 pub(crate) use look::blur;
+pub use standing::{Sides, standing};
 
 use nalgebra::Vector2;
 

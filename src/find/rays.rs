@@ -12,10 +12,9 @@ const RAYS: usize = 96;
 /// Circles taken from one centre and scale.
 const CIRCLES: usize = 8;
 
-/// Slopes along rays: `slope[ray][radius]`, NaN outside the picture.
+/// Slopes along rays: those of all rays at one radius, then at the next; NaN outside the picture.
 struct Rays {
-    slope: Vec<Vec<f32>>,
-    length: usize,
+    slope: Vec<[f32; RAYS]>,
 }
 
 /// A circle that rays from a centre suggest, in reduced pixels.
@@ -67,64 +66,72 @@ impl Rays {
     fn cast(look: &Look, scale: usize, center: Vector2<f64>, far: f64) -> Self {
         let image = &look.scales[scale].1;
         let length = far.ceil() as usize + 2;
-        let slope = (0..RAYS)
-            .map(|i| {
-                let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
-                let (s, c) = t.sin_cos();
-                let at = |r: f64| value_at(image, center.x + r * c, center.y + r * s);
-                let values: Vec<f32> =
-                    (0..=length + 1).map(|r| at(r as f64).unwrap_or(f32::NAN)).collect();
-                (0..=length)
-                    .map(|r| if r == 0 { f32::NAN } else { 0.5 * (values[r + 1] - values[r - 1]) })
-                    .collect()
-            })
-            .collect();
-        Self { slope, length }
+        let mut slope = vec![[f32::NAN; RAYS]; length + 1];
+        let mut values = Vec::with_capacity(length + 2);
+        for i in 0..RAYS {
+            let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
+            let (s, c) = t.sin_cos();
+            let at = |r: usize| value_at(image, center.x + r as f64 * c, center.y + r as f64 * s);
+            values.clear();
+            values.extend((0..=length + 1).map(at));
+            for (row, around) in slope[1..].iter_mut().zip(values.windows(3)) {
+                row[i] = 0.5 * (around[2] - around[0]);
+            }
+        }
+        Self { slope }
     }
 
-    /// Agreements, radii and senses at which edges agree over the directions.
-    fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64, f64)> {
-        // Typical slope anywhere on the rays: what an edge is measured against.
-        let mut sizes: Vec<f32> =
-            self.slope.iter().flatten().filter(|v| v.is_finite()).map(|v| v.abs()).collect();
-        if sizes.len() < RAYS {
-            return Vec::new();
+    /// How well the directions agree at each radius on an edge, and on its sense.
+    fn agreement(&self) -> Vec<f64> {
+        // Every few of them know what is typical.
+        const EVERY: usize = 5;
+        let mut sizes: Vec<f32> = (self.slope.as_flattened().iter().step_by(EVERY))
+            .filter(|v| v.is_finite())
+            .map(|v| v.abs())
+            .collect();
+        if sizes.len() < RAYS / EVERY {
+            return vec![0.0; self.slope.len()];
         }
+        // Typical slope anywhere on the rays: what an edge is measured against.
         let middle = sizes.len() / 2;
         let typical = *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
         // On a clean picture nearly all slopes are tiny: then a part of the strongest ones is the measure.
         let high = sizes.len() * 98 / 100;
         let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
-        let unit = (4.0 * typical).max(0.05 * strong).max(1e-6);
-        let agree: Vec<f64> = (0..=self.length)
+        let unit = 1.0 / (4.0 * typical).max(0.05 * strong).max(1e-6);
+        let whole = 1.0 / strong.max(1e-6);
+        let last = self.slope.len() - 1;
+        (0..=last)
             .map(|r| {
-                let (mut sum, mut size, mut n) = (0.0f64, 0.0, 0.0);
-                for ray in &self.slope {
-                    // The edge may be a little nearer or farther in this direction.
-                    let window = r.saturating_sub(2)..=(r + 2).min(self.length);
-                    let best = window.map(|i| ray[i]).filter(|v| v.is_finite()).fold(
-                        None,
-                        |m: Option<f32>, v| match m {
-                            Some(m) if m.abs() >= v.abs() => Some(m),
-                            _ => Some(v),
-                        },
-                    );
-                    if let Some(v) = best {
-                        n += 1.0;
-                        sum += f64::from((v / unit).clamp(-1.0, 1.0));
-                        size += f64::from((v / strong.max(1e-6)).clamp(-1.0, 1.0));
+                // The edge may be a little nearer or farther in this direction.
+                let mut best = [f32::NAN; RAYS];
+                for slopes in &self.slope[r.saturating_sub(2)..=(r + 2).min(last)] {
+                    for (best, v) in best.iter_mut().zip(slopes) {
+                        let weaker = v.abs() <= best.abs() || v.is_nan();
+                        *best = if weaker { *best } else { *v };
                     }
                 }
+                let (mut sum, mut size, mut n) = (0.0f32, 0.0f32, 0.0f32);
+                for v in best.iter().filter(|v| !v.is_nan()) {
+                    n += 1.0;
+                    sum += (v * unit).clamp(-1.0, 1.0);
+                    size += (v * whole).clamp(-1.0, 1.0);
+                }
                 // Where all directions agree over several radii, the steepest one is the edge.
-                if n >= 0.15 * RAYS as f64 {
-                    (sum + 0.05 * size) / n * (n / RAYS as f64).sqrt()
+                if n >= 0.15 * RAYS as f32 {
+                    f64::from((sum + 0.05 * size) / n * (n / RAYS as f32).sqrt())
                 } else {
                     0.0
                 }
             })
-            .collect();
+            .collect()
+    }
+
+    /// Agreements, radii and senses at which edges agree over the directions.
+    fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64, f64)> {
+        let agree = self.agreement();
         let mut list: Vec<(f64, f64, f64)> = Vec::new();
-        for r in 1..self.length {
+        for r in 1..agree.len() - 1 {
             let v = agree[r].abs();
             let inside = (r as f64) >= near * 0.8 && (r as f64) <= far * 1.1;
             if inside && v > 0.12 && v >= agree[r - 1].abs() && v > agree[r + 1].abs() {
@@ -157,29 +164,27 @@ fn refine(
     let mut guess = rough;
     let mut window = (0.15 * rough.radius).clamp(3.0, 10.0) + blur;
     let mut result = None;
+    let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
     for _ in 0..6 {
-        let mut points = Vec::new();
-        let mut slopes = Vec::new();
+        points.clear();
+        slopes.clear();
         let mut visible = 0.0;
-        let rays = ((guess.radius * 3.0) as usize).clamp(32, 180);
+        let rays = ((guess.radius * 2.0) as usize).clamp(32, 120);
         for i in 0..rays {
             let t = std::f64::consts::TAU * i as f64 / rays as f64;
             let (s, c) = t.sin_cos();
             let at = |r: f64| value_at(image, guess.center.x + r * c, guess.center.y + r * s);
             let from = (guess.radius - window).max(1.0);
             let steps = ((guess.radius + window - from) / 0.5) as usize;
-            let profile: Vec<Option<f32>> =
-                (0..=steps).map(|j| at(from + 0.5 * j as f64)).collect();
+            profile.clear();
+            profile.extend((0..=steps).map(|j| at(from + 0.5 * j as f64)));
             let (mut best, mut place) = (0.0f64, 0.0);
-            let slope = |j: usize| -> Option<f64> {
-                Some(
-                    sense * f64::from(profile.get(j + 2)?.as_ref()? - profile[j - 2].as_ref()?)
-                        / 2.0,
-                )
-            };
             let mut seen = false;
             for j in 2..steps.saturating_sub(1) {
-                let Some(v) = slope(j) else { continue };
+                let v = 0.5 * sense * f64::from(profile[j + 2] - profile[j - 2]);
+                if v.is_nan() {
+                    continue;
+                }
                 seen = true;
                 // Nearer edges are preferred to farther ones of about the same strength.
                 let away = (from + 0.5 * j as f64 - guess.radius) / window;
@@ -263,7 +268,8 @@ fn step_across(
         let mut values: Vec<f32> = (0..64)
             .filter_map(|i| {
                 let (s, c) = (std::f64::consts::TAU * f64::from(i) / 64.0).sin_cos();
-                value_at(image, circle.center.x + r * c, circle.center.y + r * s)
+                let value = value_at(image, circle.center.x + r * c, circle.center.y + r * s);
+                (!value.is_nan()).then_some(value)
             })
             .collect();
         if values.is_empty() {

@@ -23,7 +23,10 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     let (aw, ah) = ((w + 2 * pad) / CELL + 1, (h + 2 * pad) / CELL + 1);
     let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
     for (scale, image) in &look.scales {
-        let gradients = gradients(image, options.near.map(|(p, r)| (look.reduced(p), r / k + far)));
+        // Neighbouring gradients of a blurred picture say the same.
+        let stride = ((0.6 * scale) as usize).max(1);
+        let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
+        let gradients = gradients(image, stride, place);
         let least = threshold(&gradients, look.noise / scale.powi(2));
         let mut votes = Gray { width: aw, height: ah, data: vec![0.0f32; aw * ah] };
         for g in gradients.iter().filter(|g| g.size >= least) {
@@ -33,14 +36,16 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
             for sign in [1.0f32, -1.0] {
                 let (sx, sy) = (sign * dx, sign * dy);
                 let r = near.max(1.0) as f32;
-                let mut x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
-                let mut y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
-                let mut steps = ((far - near) as f32 / cell) as i32;
-                while steps >= 0 && x >= 0.0 && y >= 0.0 && x < aw as f32 && y < ah as f32 {
-                    // A line's votes spread with distance: what meets at a far centre counts as much as near.
-                    votes.data[y as usize * aw + x as usize] += weight;
-                    (x, y) = (x + sx, y + sy);
-                    steps -= 1;
+                let x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
+                let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
+                // A line's votes spread with distance: what meets at a far centre counts as much as near.
+                let steps = within(x, sx, aw as f32).min(within(y, sy, ah as f32));
+                for i in 0..steps.min(((far - near) as f32 / cell) as usize + 1) {
+                    let (u, v) = ((x + i as f32 * sx) as usize, (y + i as f32 * sy) as usize);
+                    // Rounding may lead a line's end over the border.
+                    if let Some(cell) = votes.data.get_mut(v * aw + u) {
+                        *cell += weight;
+                    }
                 }
             }
         }
@@ -80,6 +85,16 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     kept
 }
 
+/// Steps of a line from `start`, each by `step`, that stay in 0..`size`.
+fn within(start: f32, step: f32, size: f32) -> usize {
+    if !(0.0..size).contains(&start) {
+        return 0;
+    }
+    let end = if step > 0.0 { size } else { 0.0 };
+    // One more than whole steps to the end: the first is at the start. Along a border there is no end.
+    ((end - start) / step).abs().min(1e6) as usize + 1
+}
+
 struct Gradient {
     x: usize,
     y: usize,
@@ -88,11 +103,17 @@ struct Gradient {
     size: f32,
 }
 
-fn gradients(image: &Gray<f32>, within: Option<(Vector2<f64>, f64)>) -> Vec<Gradient> {
-    let mut list = Vec::with_capacity(image.data.len());
-    for y in 1..image.height.saturating_sub(1) {
+/// Gradients at every `stride`th pixel each way, in every other row shifted by half a stride.
+fn gradients(
+    image: &Gray<f32>,
+    stride: usize,
+    within: Option<(Vector2<f64>, f64)>,
+) -> Vec<Gradient> {
+    let mut list = Vec::with_capacity(image.data.len() / (stride * stride));
+    for y in (1..image.height.saturating_sub(1)).step_by(stride) {
         let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-        for x in 1..image.width - 1 {
+        let first = 1 + (y / stride % 2) * (stride / 2);
+        for x in (first..image.width - 1).step_by(stride) {
             if let Some((p, r)) = within
                 && (Vector2::new(x as f64, y as f64) - p).norm_squared() > r * r
             {

@@ -71,6 +71,16 @@ pub fn taubin(points: &[Vector2<f64>], weights: &[f64]) -> Option<Circle> {
 /// Minimises the weighted sum of squared distances by Levenberg-Marquardt from `start`.
 /// `None` where the points do not determine a circle.
 pub fn geometric(points: &[Vector2<f64>], weights: &[f64], start: Circle) -> Option<Circle> {
+    geometric_to(points, weights, start, 1e-11 * (start.radius.abs() + start.center.norm()))
+}
+
+/// The same, until a step is no longer than `least_step`.
+fn geometric_to(
+    points: &[Vector2<f64>],
+    weights: &[f64],
+    start: Circle,
+    least_step: f64,
+) -> Option<Circle> {
     let mut circle = start;
     let mut damping = 1e-9;
     let cost = |c: &Circle| -> f64 {
@@ -109,7 +119,7 @@ pub fn geometric(points: &[Vector2<f64>], weights: &[f64], start: Circle) -> Opt
         let Some((trial, value, step)) = moved else { break };
         circle = trial;
         current = value;
-        if step <= 1e-11 * (circle.radius.abs() + circle.center.norm()) {
+        if step <= least_step {
             break;
         }
     }
@@ -148,7 +158,8 @@ pub fn robust(
         if new.iter().filter(|w| **w > 0.0).count() < 3 {
             return result;
         }
-        let next = geometric(points, &new, circle)?;
+        // Steps grow small fast: what is left after one of this size is nothing.
+        let next = geometric_to(points, &new, circle, 1e-3 * scale)?;
         let moved = (next.center - circle.center).norm() + (next.radius - circle.radius).abs();
         circle = next;
         result = Some(Robust { circle, weights: new, scale });

@@ -243,11 +243,12 @@ fn block(
     c
 }
 
-fn groups(rows: &Rows) -> Vec<std::ops::Range<usize>> {
+/// The rows of each group; a group's rows stand together.
+pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
     let mut ranges = Vec::new();
     let mut start = 0;
-    for i in 1..=rows.y.len() {
-        if i == rows.y.len() || rows.group[i] != rows.group[start] {
+    for i in 1..=group.len() {
+        if i == group.len() || group[i] != group[start] {
             ranges.push(start..i);
             start = i;
         }
@@ -264,7 +265,7 @@ fn covariance_matrix(
 ) -> DMatrix<f64> {
     let n = rows.y.len();
     let mut whole = DMatrix::zeros(n, n);
-    for range in groups(rows) {
+    for range in groups(&rows.group) {
         let c = block(rows, range.clone(), mean_variance, share, length, kernel);
         whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
     }
@@ -283,7 +284,7 @@ fn candidate(
     let mut x = rows.design.clone();
     let mut y = rows.y.clone();
     let mut log_det = 0.0;
-    for range in groups(rows) {
+    for range in groups(&rows.group) {
         let (at, len) = (range.start, range.len());
         let c = block(rows, range, mean_variance, share, length, kernel);
         let l = c.cholesky()?.unpack();

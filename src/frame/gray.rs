@@ -46,18 +46,33 @@ impl<T: Sample> Gray<T> {
     pub fn reduce(&self, factor: usize) -> Gray<f32> {
         let factor = factor.max(1);
         let (width, height) = (self.width / factor, self.height / factor);
-        let scale = 1.0 / (factor * factor) as f32;
-        let mut data = vec![0.0f32; width * height];
-        for (j, out) in data.chunks_exact_mut(width.max(1)).enumerate() {
-            for v in j * factor..(j + 1) * factor {
-                let row = &self.row(v)[..width * factor];
-                for (sum, block) in out.iter_mut().zip(row.chunks_exact(factor)) {
-                    *sum += block.iter().map(|p| p.value()).sum::<f32>();
-                }
-            }
-            out.iter_mut().for_each(|sum| *sum *= scale);
+        let mut data = Vec::with_capacity(width * height);
+        let mut columns = Vec::new();
+        for j in 0..height {
+            self.blocks(factor, j, 0..width, &mut columns, &mut data);
         }
         Gray { width, height, data }
+    }
+
+    /// Appends the means of blocks `range` of row `j` of the reduced picture to `means`. `columns` is room to work in.
+    pub(crate) fn blocks(
+        &self,
+        factor: usize,
+        j: usize,
+        range: std::ops::Range<usize>,
+        columns: &mut Vec<f32>,
+        means: &mut Vec<f32>,
+    ) {
+        let part = range.start * factor..range.end * factor;
+        columns.clear();
+        columns.resize(part.len(), 0.0);
+        for v in j * factor..(j + 1) * factor {
+            for (sum, p) in columns.iter_mut().zip(&self.row(v)[part.clone()]) {
+                *sum += p.value();
+            }
+        }
+        let scale = 1.0 / (factor * factor) as f32;
+        means.extend(columns.chunks_exact(factor).map(|block| scale * block.iter().sum::<f32>()));
     }
 }
 

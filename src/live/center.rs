@@ -4,7 +4,6 @@
 //! along it, at a tenth of the cost; after a move it is measured anew. The frames' scatter averages out with their number; what
 //! the edge's own form leaves uncertain is the same in all of them and does not.
 
-use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -357,15 +356,7 @@ impl Key {
 
 /// A rim of which the frame holds an arc, measured as a check rod's single capture.
 fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
-    let capture = rod::Capture {
-        image: String::new(),
-        path: PathBuf::new(),
-        position_mm: Vector2::zeros(),
-        c_deg: 0.0,
-        t_s: None,
-        temp_c: None,
-        direction: None,
-    };
+    let capture = rod::Capture::in_memory(String::new(), Vector2::zeros(), 0.0);
     let options = rod::Options { diameter_mm: Some(diameter_mm), ..Default::default() };
     let seen = rod::measure_frames(&[capture], &[(frame.clone(), view.clone())], &options).ok()?;
     let center = seen.report.rod_centers.first()?;

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use crate::camera::View;
 use crate::error::{Error, Result};
-use crate::find::{self, Candidate, Look};
+use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::circles::measure_candidate;
@@ -13,6 +13,9 @@ use crate::measure::ring::{self, Ring, Search};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
+/// A mark must differ from its surroundings by this many times what the bare surface does by itself, and more where less of it
+/// is seen: of the circles that may be drawn into texture some always differ by three or so, and parts of them by ten.
+const STANDING: f64 = 4.0;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -52,6 +55,16 @@ pub(super) fn measure(
     let rings = ring_candidates(&steady, 0.06 * side);
     let mut lone_ring = false;
     for outer in rings.iter().take(TRIES) {
+        let stands_out = |c: &Candidate, sides: Sides| {
+            let least_step = 0.3 * outer.step.abs();
+            let others = steady.iter().filter(|e| e.step.abs() > least_step && !alike(e, c));
+            let others: Vec<Circle> = others.map(|e| e.circle).collect();
+            find::standing(&look, c.circle, sides, &others)
+                .is_some_and(|z| z * c.coverage.powi(2) > STANDING)
+        };
+        if !stands_out(outer, Sides::Edge) {
+            continue;
+        }
         let spots = spot_candidates(&look, outer);
         if spots.is_empty() {
             lone_ring = true;
@@ -65,8 +78,8 @@ pub(super) fn measure(
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
-        let measured =
-            spots.iter().take(TRIES).find_map(|s| measure_spot(frame, view, s, &ring, &edges));
+        let measured = (spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES))
+            .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
         let Some(spot) = measured else {
             lone_ring = true;
             break; // The ring is there; a worse one with a better spot would be a wrong answer.
@@ -120,27 +133,36 @@ fn is_circle(ring: &Ring, limits: &Limits) -> bool {
         && ring.center_covariance().trace().sqrt() < limits.doubt * radius_mm
 }
 
-/// Likely rings, best first: strong, well covered, large; of concentric edges the outermost strong one.
+/// How much of a mark an edge is: strong, well covered, long; a burn's is as good as a sharper one's unless it is as soft as
+/// the border of a lamp's light.
+fn strength(c: &Candidate) -> f64 {
+    let radius = c.circle.radius;
+    let glow = (c.softness_px / (0.1 * radius)).powi(2);
+    (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / (1.0 + glow)
+}
+
+/// Likely rings, best first; of concentric edges the outermost strong one.
 fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
-    let rank =
-        |c: &Candidate| c.score * c.coverage * c.circle.radius.sqrt() / (1.0 + 0.1 * c.scatter_px);
     let mut list: Vec<Candidate> =
         all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
-    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    list.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
     let mut rings: Vec<Candidate> = Vec::new();
     for c in list.iter().take(16) {
+        let shares_center = |o: &&Candidate| {
+            concentric(o, c)
+                && (o.circle.center - c.circle.center).norm()
+                    < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
+                && o.coverage > 0.6 * c.coverage
+                && o.scatter_px < 2.0 * c.scatter_px + 3.0
+        };
         // A halo is much fainter than the ring it surrounds.
-        let outermost = all
-            .iter()
-            .filter(|o| {
-                concentric(o, c)
-                    && (o.circle.center - c.circle.center).norm()
-                        < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
-                    && o.circle.radius >= c.circle.radius
-                    && o.step.abs() > 0.4 * c.step.abs()
-                    && o.coverage > 0.6 * c.coverage
-                    && o.scatter_px < 2.0 * c.scatter_px + 3.0
-            })
+        let strongest = (all.iter().filter(shares_center))
+            .filter(|o| o.step * c.step > 0.0 && o.circle.radius > 0.6 * c.circle.radius)
+            .map(|o| o.step.abs())
+            .fold(0.0, f64::max);
+        let outermost = (all.iter().filter(shares_center))
+            .filter(|o| o.circle.radius > 0.6 * c.circle.radius)
+            .filter(|o| o.step.abs() > 0.5 * strongest)
             .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
             .unwrap_or(c);
         let known = |r: &Candidate| {
@@ -152,6 +174,11 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
         }
     }
     rings
+}
+
+/// Whether two may be one edge, seen twice.
+fn alike(a: &Candidate, b: &Candidate) -> bool {
+    (a.circle.radius / b.circle.radius - 1.0).abs() < 0.15 && a.step * b.step > 0.0
 }
 
 fn concentric(a: &Candidate, b: &Candidate) -> bool {
@@ -171,7 +198,7 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
             centers: 6,
         },
     );
-    let rank = |c: &Candidate| c.score * c.step.abs().sqrt() * c.coverage;
+    let rank = |c: &Candidate| c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
     let mut spots: Vec<Candidate> = inside
         .into_iter()
         .filter(|c| {

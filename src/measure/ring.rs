@@ -3,9 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::camera::View;
-use crate::edge::{
-    Band, Contour, LocateOptions, Located, Profiles, flatten, locate, scan, scan_frame,
-};
+use crate::edge::{Band, Contour, LocateOptions, Located, flatten, locate, scan};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
@@ -127,7 +125,7 @@ pub struct Points {
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
 fn sectors_for(length_px: f64, softness_px: f64) -> usize {
-    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 5 * GROUPS)
+    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 3 * GROUPS)
 }
 
 /// The edge points about a rough circle. `None` where no edge can be located there.
@@ -141,7 +139,8 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         sectors: sectors_for(contour.length_px(), softness),
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
-    let mut profiles = read(frame, &contour, band, softness);
+    let factor = (softness / 3.0).floor().clamp(1.0, 8.0) as usize;
+    let mut profiles = scan(frame, factor, &contour, band);
     profiles.mask_glare();
     let clip = profiles.clip();
     flatten(&mut profiles, &contour, softness);
@@ -181,15 +180,6 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
         points.place_px.push(pixel);
     }
     Some(points)
-}
-
-fn read(frame: &Frame, contour: &Contour, band: Band, softness_px: f64) -> Profiles {
-    let factor = (softness_px / 3.0).floor().clamp(1.0, 8.0) as usize;
-    if factor > 1 {
-        scan(&frame.reduce(factor), factor, contour, band)
-    } else {
-        scan_frame(frame, contour, band)
-    }
 }
 
 /// Measures the circle near `rough`. `known` is what a longer edge has taught about wander.

@@ -2,7 +2,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::fit::correlated::Fit;
+use crate::fit::correlated::{Fit, groups};
 use crate::uncertainty::{Contribution, K95, budget};
 
 /// What the budget is made from.
@@ -25,11 +25,11 @@ impl Sources<'_> {
         let last = self.fit.beta.len() - 1;
         let (nominal_weight, nominal_u_mm) = self.nominal.unwrap_or((0.0, 0.0));
         let (mut axis, mut diameter) = (Vec::new(), Vec::new());
-        for (arc, image) in self.images.iter().enumerate() {
-            let Some(start) = self.groups.iter().position(|g| *g == arc) else { continue };
-            let rows = self.groups[start..].iter().take_while(|g| **g == arc).count();
-            let influence = self.fit.influence.columns(start, rows);
-            let noise = self.fit.row_covariance.view((start, start), (rows, rows));
+        for rows in groups(self.groups) {
+            let (start, count) = (rows.start, rows.len());
+            let image = self.images[self.groups[start]];
+            let influence = self.fit.influence.columns(start, count);
+            let noise = self.fit.row_covariance.view((start, start), (count, count));
             let part = influence * noise * influence.transpose();
             let center = &self.gain * part.view((0, 0), (last, last)) * self.gain.transpose();
             let source = format!("edge in {image}");

@@ -27,6 +27,21 @@ pub struct Capture {
     pub direction: Option<[f64; 2]>,
 }
 
+impl Capture {
+    /// A capture whose picture is in memory already; `image` names it in messages.
+    pub fn in_memory(image: impl Into<String>, position_mm: Vector2<f64>, c_deg: f64) -> Self {
+        Self {
+            image: image.into(),
+            path: PathBuf::new(),
+            position_mm,
+            c_deg,
+            t_s: None,
+            temp_c: None,
+            direction: None,
+        }
+    }
+}
+
 /// Reads `CAPTURES.csv`: `image,x_mm,y_mm`, optionally `z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y`.
 pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
     let path = path.as_ref();

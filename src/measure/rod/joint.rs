@@ -136,11 +136,9 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit,
         group: group.clone(),
     };
     let mut fit = correlated::fit(&rows, None)?;
-    for (k, arc) in arcs.iter().enumerate() {
-        let Some(start) = group.iter().position(|g| *g == k) else { continue };
-        let count = group[start..].iter().take_while(|g| **g == k).count();
-        let moved = fit.influence.columns(start, count).column_sum();
-        let place_mm = PLACE_PX * arc.points.pixel_mm;
+    for rows in correlated::groups(&group) {
+        let moved = fit.influence.columns(rows.start, rows.len()).column_sum();
+        let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
         fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
     }
     Some((fit, group))

@@ -135,7 +135,7 @@ pub fn measure_frames(
     let found =
         outer::rim(captures, &angle_of, frames, rough, options.diameter_mm).ok_or_else(unseen)?;
     let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
-    finish(captures, frames, options, &c_deg, &arcs, &fitted)
+    finish(captures, options, &c_deg, &arcs, &fitted)
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.
@@ -217,7 +217,6 @@ fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
 
 fn finish(
     captures: &[Capture],
-    frames: &[(Frame, View)],
     options: &Options,
     c_deg: &[f64],
     arcs: &[Arc],
@@ -235,7 +234,7 @@ fn finish(
     let mut beta = fit.beta.clone();
     let mut covariance = fit.covariance.clone();
     let last = 2 * angles;
-    let blur_mm = blurred_radius(arcs, frames);
+    let blur_mm = blurred_radius(arcs);
     let mut nominal = None;
     if let Some(d) = options.diameter_mm {
         // The nominal radius as one more observation.
@@ -376,12 +375,12 @@ fn find_axis(
 }
 
 /// Mean of σ²/2R over the captures: a blurred rim's half level lies that much inside.
-fn blurred_radius(arcs: &[Arc], frames: &[(Frame, View)]) -> f64 {
+fn blurred_radius(arcs: &[Arc]) -> f64 {
     let sum: f64 = arcs
         .iter()
         .map(|a| {
             let s = a.points.located.step.softness_px;
-            s * s / (2.0 * a.points.radius_px) * frames[a.capture].1.pixel_mm()
+            s * s / (2.0 * a.points.radius_px) * a.points.pixel_mm
         })
         .sum();
     sum / arcs.len().max(1) as f64

@@ -6,9 +6,10 @@
 //! share its centre. The outermost that nearly as many captures support as any is the rod.
 
 use nalgebra::Vector2;
+use rayon::prelude::*;
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, Profiles, scan_frame};
+use crate::edge::{Band, Contour, Profiles, scan};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
@@ -59,15 +60,10 @@ pub(super) fn rim(
     let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
     let bin_mm = BIN_PX * pixel_mm;
     let look = |about: Circle| -> Vec<Sight> {
-        let each = captures.iter().zip(angle_of).zip(frames);
-        each.filter_map(|((c, &angle), (frame, view))| {
-            Sight::new(
-                frame,
-                view,
-                Circle { center: about.center - c.position_mm, ..about },
-                pixel_mm,
-                angle,
-            )
+        let each = captures.par_iter().zip(angle_of).zip(frames);
+        each.filter_map(|((capture, &angle), (frame, view))| {
+            let about = Circle { center: about.center - capture.position_mm, ..about };
+            Sight::new(frame, view, about, pixel_mm, angle)
         })
         .collect()
     };
@@ -210,7 +206,7 @@ impl Sight {
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
         let band =
             Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px: BIN_PX, sectors: SECTORS };
-        let profiles = scan_frame(frame, &contour, band);
+        let profiles = scan(frame, 1, &contour, band);
         let toward = profiles
             .angle_rad
             .iter()

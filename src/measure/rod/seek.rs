@@ -95,9 +95,9 @@ pub(super) fn rim(voters: &[Voter], captures: usize, radius_mm: (f64, f64)) -> O
     let width = (0.8 * cell).max(0.015);
     let edges = radii(&near, captures, center, (strongest - reach, strongest + reach), width, 0.06);
     let strongest = edges.iter().map(|e| e.1).fold(0.0, f64::max);
-    let real: Vec<f64> = edges.iter().filter(|e| e.1 > 0.2 * strongest).map(|e| e.0).collect();
     // The rod is the outermost edge.
-    let radius = real.iter().copied().fold(0.0, f64::max);
+    let real = edges.iter().filter(|e| e.1 > 0.2 * strongest);
+    let radius = real.map(|e| e.0).fold(0.0, f64::max);
     Some(Circle { center, radius })
 }
 

@@ -1,0 +1,98 @@
+//! Does a mark stand out from its surface? Lines of texture meet in something like a circle somewhere in every picture.
+
+use nalgebra::Vector2;
+
+use crate::find::look::{Look, value_at};
+use crate::fit::Circle;
+
+/// Directions in which both sides of a circle are read.
+const RAYS: usize = 32;
+/// Where they are read, in radii from the edge: well inside and well outside of a disc, or close by a ring's edge.
+#[derive(Clone, Copy)]
+pub enum Sides {
+    /// Of a spot, which is a disc.
+    Disc,
+    /// Of an edge that may be one of two close to each other.
+    Edge,
+}
+/// Places of the bare surface that say what it does by itself.
+const LEAST_PLACES: usize = 12;
+/// Radii from a circle's own down to an eighth that may say it where its own finds no room: small circles differ more.
+const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+
+impl Sides {
+    fn depths(self) -> [f64; 3] {
+        match self {
+            Sides::Disc => [0.1, 0.25, 0.4],
+            Sides::Edge => [0.04, 0.08, 0.12],
+        }
+    }
+}
+
+/// How many times the usual difference between inside and outside a circle shows, where usual is what circles of its size have
+/// elsewhere on the surface, clear of `marks`; smaller circles where there is no room for such. `None` where there is too little
+/// bare surface to tell. Full-picture pixels.
+pub fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Option<f64> {
+    let radius = circle.radius / look.factor as f64;
+    let here = difference(look, look.reduced(circle.center), radius, sides, marks)?;
+    let usual = SMALLER.iter().find_map(|part| usual(look, circle, part * radius, sides, marks))?;
+    Some(here.abs() / usual.max(1e-9))
+}
+
+/// Standard deviation of the difference that circles of a radius show on the bare surface, reduced pixels.
+fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle]) -> Option<f64> {
+    let (w, h) = look.size();
+    let reach = (1.1 + sides.depths()[2]) * radius;
+    let reach_px = reach * look.factor as f64;
+    let clear = |p: Vector2<f64>| {
+        let full = look.full(p);
+        let apart = |c: &Circle| (full - c.center).norm();
+        // Beside a mark, or within it where it is a ring's inner edge and the place is clear of the circle in question.
+        marks.iter().all(|m| (apart(m) - m.radius).abs() > reach_px)
+            && (apart(&circle) - circle.radius).abs() > reach_px
+            && (matches!(sides, Sides::Edge) || apart(&circle) > circle.radius)
+    };
+    let step = (0.5 * radius).max(3.0);
+    let count = |size: usize| ((size as f64 - 2.0 * reach) / step).max(0.0) as usize;
+    let (columns, rows) = (count(w), count(h));
+    let mut differences: Vec<f64> = (0..=rows)
+        .flat_map(|j| (0..=columns).map(move |i| (i, j)))
+        .map(|(i, j)| Vector2::new(reach + i as f64 * step, reach + j as f64 * step))
+        .filter(|p| clear(*p))
+        .filter_map(|p| difference(look, p, radius, sides, &[]))
+        .map(f64::abs)
+        .collect();
+    if differences.len() < LEAST_PLACES {
+        return None;
+    }
+    let middle = differences.len() / 2;
+    Some(1.4826 * *differences.select_nth_unstable_by(middle, f64::total_cmp).1)
+}
+
+/// Mean level outside a circle minus that inside, reduced pixels, of the directions in which both lie on one side of all
+/// `marks`; `None` where few do or the picture ends.
+fn difference(
+    look: &Look,
+    center: Vector2<f64>,
+    radius: f64,
+    sides: Sides,
+    marks: &[Circle],
+) -> Option<f64> {
+    let image = &look.scales[0].1;
+    let (mut sum, mut count) = (0.0f64, 0usize);
+    for i in 0..RAYS {
+        let (s, c) = (std::f64::consts::TAU * i as f64 / RAYS as f64).sin_cos();
+        let at = |r: f64| center + Vector2::new(c, s) * (r * radius);
+        let within = |p: Vector2<f64>, m: &Circle| (look.full(p) - m.center).norm() < m.radius;
+        for depth in sides.depths() {
+            let (inner, outer) = (at(1.0 - depth), at(1.0 + depth));
+            if marks.iter().all(|m| within(inner, m) == within(outer, m)) {
+                let value = |p: Vector2<f64>| f64::from(value_at(image, p.x, p.y));
+                sum += value(outer) - value(inner);
+                count += 1;
+            }
+        }
+    }
+    let mean = sum / count as f64;
+    (count >= RAYS / 2 && mean.is_finite()).then_some(mean)
+}
