@@ -25,7 +25,15 @@ impl Selection {
         for _ in 0..MOST_EXCHANGES {
             let Some((_, model)) = self.better(fitter) else { return };
             let next = fitter.fit(model, Some(&self.fitted.noise));
-            if next.noise.sigma_mm[0] > MORE_NOISE * self.fitted.noise.sigma_mm[0] {
+            let f = &self.fitted;
+            // The noise that captures share may have moved too far for the scores: Akaike's price, corrected for few captures.
+            let gain = fitter.ln_likelihood(&next) - fitter.ln_likelihood(f);
+            let layout = fitter.experiment.layout();
+            let (more, captures) = (next.rank as f64 - f.rank as f64, layout.group_count() as f64);
+            let price = more * captures / (captures - more - 1.0).max(1.0);
+            if next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0]
+                || (!layout.random.is_empty() && gain < price)
+            {
                 return;
             }
             self.fitted = next;

@@ -167,7 +167,7 @@ impl Standing {
 /// Log evidence of a free function, nats. Schwarz's price (half of ln(captures) a parameter) would rule out every function of
 /// many levels; its coefficients are taken from one normal distribution instead, whose likeliest variance is the one parameter:
 /// ½ rank (m - 1 - ln m) with m = χ² / rank.
-fn gain_of_free(chi2: f64, rank: f64, ln_captures: f64) -> f64 {
+pub fn gain_of_free(chi2: f64, rank: f64, ln_captures: f64) -> f64 {
     let m = (chi2 / rank).max(1.0);
     0.5 * rank * (m - 1.0 - m.ln()) - 0.5 * ln_captures
 }

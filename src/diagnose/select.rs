@@ -6,8 +6,8 @@ use nalgebra::DMatrix;
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::legendre;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
-use crate::diagnose::pool::{Pool, Who};
-use crate::diagnose::score::{Score, Standing, effective_tests};
+use crate::diagnose::pool::{Pool, Who, choice};
+use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
 use crate::diagnose::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
@@ -26,6 +26,12 @@ const PLACES_REFINED: usize = 4;
 const FORM_SHARE: f64 = 0.1;
 /// p-value of a name, by itself, that is worth a fit.
 const WORTH_A_TRIAL: f64 = 0.01;
+/// Names this much less likely than the first by their scores are not tried, nats.
+const CLEARLY_BETTER: f64 = 10.0;
+/// Names whose fits differ by no more are as likely, nats.
+const AS_LIKELY: f64 = 2.0;
+/// Names tried by a fit.
+const MOST_TRIALS: usize = 3;
 /// Most parts a model may get.
 const MOST_PARTS: usize = 8;
 
@@ -84,18 +90,25 @@ impl Selection {
             Who::Effect(a) => f.model.active.iter().any(|b| b.effect == a.effect),
             Who::Extra(_) => false,
         };
-        let generic = self
+        let mut generic = self
             .best_generic(fitter, &standing, f)
             .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln());
         let scores: Vec<Score> =
             standing.scores(fitter, f, &self.library).into_iter().filter(|s| !taken(s)).collect();
         let sure = |s: &Score| s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln();
-        let library = best(scores.iter().filter(|s| sure(s)).cloned());
+        let mut library = best(scores.iter().filter(|s| sure(s)).cloned());
         let shape = generic.as_ref().map_or(0.0, |(_, g)| g.evidence);
-        let library = match library {
-            Some(l) if l.evidence >= shape => Some(l),
-            other => best(scores).and_then(|s| self.on_trial(fitter, s)).filter(sure).or(other),
-        };
+        let tried = self.worth_a_trial(fitter, scores);
+        let clear = library.as_ref().is_some_and(|l| l.evidence >= shape) && tried.len() < 2;
+        if !clear && !tried.is_empty() {
+            let who = |s: &Score| &self.library.candidates[s.candidate].who;
+            let mut trials: Vec<Score> =
+                tried.iter().map(|s| self.on_trial(fitter, who(s), s)).collect();
+            // Of names that fit as well the first by its score stays the first.
+            trials[0].evidence += AS_LIKELY;
+            library = best(trials.into_iter().filter(|s| sure(s)));
+            generic = generic.map(|(who, s)| (who.clone(), self.on_trial(fitter, &who, &s)));
+        }
         let addition = |library: Option<Score>, generic: Option<(Who, Score)>| {
             let strongest = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence);
             match (library, generic) {
@@ -143,24 +156,47 @@ impl Selection {
         addition(library, generic)
     }
 
-    /// A name's score by the likelihood of a fit with it. Where captures have random parts of their own, a large effect passes for
-    /// those in the noise without it, and its score says too little.
-    fn on_trial(&self, fitter: &Fitter, score: Score) -> Option<Score> {
-        let (f, layout) = (&self.fitted, fitter.experiment.layout());
-        if layout.random.is_empty() || score.ln_p > WORTH_A_TRIAL.ln() {
-            return None;
+    /// The likeliest names, best first, that a fit should decide between. Where captures have random parts of their own, a large
+    /// effect passes for those in the noise without it, and its score says too little.
+    fn worth_a_trial(&self, fitter: &Fitter, mut scores: Vec<Score>) -> Vec<Score> {
+        if fitter.experiment.layout().random.is_empty() {
+            return Vec::new();
         }
-        let candidate = &self.library.candidates[score.candidate];
-        let trial = fitter.fit(add(fitter, &f.model, &candidate.who), Some(&f.noise));
-        let gain = fitter.ln_likelihood(&trial) - fitter.ln_likelihood(f);
-        let (rank, captures) = (score.rank as f64, layout.group_count() as f64);
-        let parameters = rank + candidate.shape_parameters as f64;
+        scores.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
+        let effect = |s: &Score| match &self.library.candidates[s.candidate].who {
+            Who::Effect(a) => Some(a.effect),
+            Who::Extra(_) => None,
+        };
+        let mut tried: Vec<Score> = Vec::new();
+        for s in scores.into_iter().filter(|s| s.ln_p < WORTH_A_TRIAL.ln()) {
+            let new = !tried.iter().any(|t| effect(t) == effect(&s));
+            let near = tried.first().is_none_or(|t| s.evidence > t.evidence - CLEARLY_BETTER);
+            if new && near && tried.len() < MOST_TRIALS {
+                tried.push(s);
+            }
+        }
+        tried
+    }
+
+    /// A score by the likelihood of a fit.
+    fn on_trial(&self, fitter: &Fitter, who: &Who, score: &Score) -> Score {
+        let f = &self.fitted;
+        let trial = fitter.fit(add(fitter, &f.model, who), Some(&f.noise));
+        let gain2 = 2.0 * (fitter.ln_likelihood(&trial) - fitter.ln_likelihood(f)).max(0.0);
+        let (rank, captures) = (score.rank as f64, fitter.experiment.layout().group_count() as f64);
+        let (free, places) = match who {
+            Who::Effect(_) => (false, self.library.candidates[score.candidate].shape_parameters),
+            Who::Extra(Extra::Generic(t)) => (t.shape.is_free(), t.shape.places()),
+            Who::Extra(Extra::Form { .. }) => (false, 0),
+        };
+        let price = 0.5 * (rank + places as f64) * captures.ln();
+        let gain =
+            if free { gain_of_free(gain2, rank, captures.ln()) } else { 0.5 * gain2 - price };
         // The F of a likelihood ratio with a noise as uncertain as that of one value a capture.
-        let dof = (captures - parameters).max(1.0);
-        let ratio = ((2.0 * gain.max(0.0) / captures).exp_m1() * dof / rank).min(1e12);
-        let evidence = gain - 0.5 * parameters * captures.ln() - candidate.choice;
+        let dof = (captures - rank - places as f64).max(1.0);
+        let ratio = ((gain2 / captures).exp_m1() * dof / rank).min(1e12);
         let ln_p = ln_f_tail(ratio, rank, dof);
-        Some(Score { ln_p, evidence, chi2: 2.0 * gain, ..score })
+        Score { ln_p, evidence: gain - choice(fitter, who), chi2: gain2, ..score.clone() }
     }
 
     /// The most convincing generic shape; a step or bump with its place (and width) searched around the dictionary's.
