@@ -164,7 +164,7 @@ fn in_frame(
             .find_map(|c| {
                 let ring = measure_candidate(frame, view, &c, &candidates)?;
                 let off = (2.0 * ring.circle.radius / expect_mm - 1.0).abs();
-                (off < DIAMETER_WINDOW && is_edge(&ring)).then_some(ring)
+                (off < DIAMETER_WINDOW && is_edge(&ring)).then(|| ring.perhaps_soft())
             })
             .ok_or_else(|| {
                 Error::measure(

@@ -78,18 +78,34 @@ pub struct Ring {
 impl Ring {
     /// The same for a mark whose edge is soft by itself: only as much blur as a lens in focus has is corrected. Which
     /// part of the softness is the lens', and where in it the mark ends, is not known: the radius is as uncertain.
-    pub fn soft_by_itself(mut self) -> Self {
-        const LENS_PX: f64 = 1.5;
+    pub fn soft_by_itself(self) -> Self {
+        let own_mm = self.own_blur_mm();
+        let mut ring = self.perhaps_soft();
+        ring.circle.radius -= own_mm;
+        ring.blur_mm -= own_mm;
+        ring
+    }
+
+    /// The same for an edge that may be out of focus or soft by itself: the radius is as uncertain as for the latter.
+    pub fn perhaps_soft(mut self) -> Self {
         /// A tinted edge's middle may be out of place by this part of its softness (standard deviation).
         const TINTED: f64 = 0.18;
+        let own_mm = self.own_blur_mm();
         let softness_mm = (2.0 * self.circle.radius * self.blur_mm).max(0.0).sqrt();
-        let lens = (LENS_PX / self.softness_px).min(1.0);
-        let own_mm = self.blur_mm * (1.0 - lens * lens);
-        let tinted_mm = TINTED * softness_mm * (1.0 - lens);
-        self.circle.radius -= own_mm;
-        self.blur_mm -= own_mm;
+        let tinted_mm = TINTED * softness_mm * (1.0 - self.lens_share());
         self.covariance[(2, 2)] += own_mm * own_mm / 3.0 + tinted_mm * tinted_mm;
         self
+    }
+
+    /// How much of the softness a lens in focus explains, 0..1.
+    fn lens_share(&self) -> f64 {
+        const LENS_PX: f64 = 1.5;
+        (LENS_PX / self.softness_px).min(1.0)
+    }
+
+    /// The part of the blur's correction that is right only if the lens made all of the blur.
+    fn own_blur_mm(&self) -> f64 {
+        self.blur_mm * (1.0 - self.lens_share().powi(2))
     }
 
     /// Covariance of the centre, mm².
