@@ -22,6 +22,8 @@ pub struct Contour {
     radius_px: Vec<f64>,
     /// Cosine of the angle between the radius and the contour's normal.
     normal_cos: Vec<f64>,
+    /// Samples of the table per radian.
+    samples_per_rad: f64,
 }
 
 impl Contour {
@@ -94,13 +96,24 @@ impl Contour {
                 1.0 / (1.0 + (slope / radius_px[i]).powi(2)).sqrt()
             })
             .collect();
-        Some(Self { origin_px, start_rad, span_rad, closed, radius_px, normal_cos })
+        let samples_per_rad = SAMPLES as f64 / span_rad;
+        Some(Self {
+            origin_px,
+            start_rad,
+            span_rad,
+            closed,
+            radius_px,
+            normal_cos,
+            samples_per_rad,
+        })
     }
 
     /// Radius and normal's cosine at an angle counted from `start_rad`.
+    #[inline]
     pub(super) fn at(&self, from_start_rad: f64) -> (f64, f64) {
-        let x = (from_start_rad / self.span_rad * SAMPLES as f64).clamp(0.0, SAMPLES as f64 - 1e-9);
-        let (i, f) = (x as usize, x.fract());
+        let x = (from_start_rad * self.samples_per_rad).clamp(0.0, SAMPLES as f64 - 1e-9);
+        let i = x as usize;
+        let f = x - i as f64;
         (self.radius_px[i] + f * (self.radius_px[i + 1] - self.radius_px[i]), self.normal_cos[i])
     }
 

@@ -19,10 +19,15 @@ const OUTSIDE_MM: f64 = 1.2;
 const INSIDE_MM: f64 = 0.8;
 /// How far the centre may be off at first.
 const SHIFT_MM: f64 = 0.8;
-/// How far the rod may sit from the axis, and the centre be off at the second look.
+/// How far it may be off at the second look: as much as a circle through the rim here and the chamfer there.
+const NEARER_MM: f64 = 0.4;
+/// How far the rod may sit from the axis.
 const ECCENTRIC_MM: f64 = 0.2;
-/// Width of a bin of distance.
-const BIN_PX: f64 = 2.0;
+/// Width of a bin of distance: finer than any chamfer, and two pixels at least.
+const BIN_MM: f64 = 0.01;
+const LEAST_BIN_PX: f64 = 2.0;
+/// Bins are that much wider at first, while the centre is not known.
+const FAR: f64 = 2.0;
 /// Sectors along each arc.
 const SECTORS: usize = 32;
 /// Bins on either side of a step.
@@ -58,23 +63,23 @@ pub(super) fn rim(
     nominal_mm: Option<f64>,
 ) -> Option<Found> {
     let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
-    let bin_mm = BIN_PX * pixel_mm;
-    let look = |about: Circle| -> Vec<Sight> {
+    let bin_mm = BIN_MM.max(LEAST_BIN_PX * pixel_mm);
+    let look = |about: Circle, bin_mm: f64| -> Vec<Sight> {
         let each = captures.par_iter().zip(angle_of).zip(frames);
         each.filter_map(|((capture, &angle), (frame, view))| {
             let about = Circle { center: about.center - capture.position_mm, ..about };
-            Sight::new(frame, view, about, pixel_mm, angle)
+            Sight::new(frame, view, about, [pixel_mm, bin_mm], angle)
         })
         .collect()
     };
     // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
-    let far = look(rough);
-    let shift = Search { bin_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
+    let far = look(rough, FAR * bin_mm);
+    let shift = Search { bin_mm: FAR * bin_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
     let about = Circle { center: rough.center + shift, ..rough };
-    let sights = look(about);
+    let sights = look(about, bin_mm);
     let inside_mm = sights.first()?.inside_mm;
     let all = Search { bin_mm, sights: sights.iter().collect() };
-    let shift = all.center(ECCENTRIC_MM)?;
+    let shift = all.center(NEARER_MM)?;
     let support = all.support(shift, true);
     let most = support.iter().copied().fold(0.0, f32::max);
     if most < LEAST * sights.len() as f32 {
@@ -201,12 +206,19 @@ struct Sight {
 }
 
 impl Sight {
-    fn new(frame: &Frame, view: &View, about: Circle, pixel_mm: f64, angle: usize) -> Option<Self> {
+    fn new(
+        frame: &Frame,
+        view: &View,
+        about: Circle,
+        [pixel_mm, bin_mm]: [f64; 2],
+        angle: usize,
+    ) -> Option<Self> {
         let contour = Contour::of_circle(view, about.center, about.radius)?;
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
-        let band =
-            Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px: BIN_PX, sectors: SECTORS };
-        let profiles = scan(frame, 1, &contour, band);
+        let bin_px = bin_mm / pixel_mm;
+        let band = Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px, sectors: SECTORS };
+        // Blocks of half a bin say as much as pixels.
+        let profiles = scan(frame, ((bin_px / LEAST_BIN_PX) as usize).max(1), &contour, band);
         let toward = profiles
             .angle_rad
             .iter()
