@@ -234,6 +234,8 @@ fn finish(
     let mut beta = fit.beta.clone();
     let mut covariance = fit.covariance.clone();
     let last = 2 * angles;
+    // Every table angle shows the same rim: its form does not average out over them.
+    covariance[(last, last)] *= angles as f64;
     let blur_mm = blurred_radius(arcs);
     let mut nominal = None;
     if let Some(d) = options.diameter_mm {
