@@ -96,3 +96,53 @@ fn difference(
     let mean = sum / count as f64;
     (count >= RAYS / 2 && mean.is_finite()).then_some(mean)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::{Frame, Gray};
+
+    /// Brushed metal, and a disc darker by `depth` counts.
+    fn plate(disc: Circle, depth: f64) -> Look {
+        let (width, height) = (640, 480);
+        let mut state = 1u32;
+        let mut random = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5
+        };
+        let mut data = vec![0u8; width * height];
+        for row in data.chunks_mut(width).enumerate() {
+            let (y, row) = row;
+            let mut streak = 0.0;
+            for (x, value) in row.iter_mut().enumerate() {
+                if x % 120 == 0 {
+                    streak = 40.0 * random();
+                }
+                let inside = disc.distance(Vector2::new(x as f64, y as f64)) < 0.0;
+                let level = 120.0 + streak + 6.0 * random() - if inside { depth } else { 0.0 };
+                *value = level.clamp(0.0, 255.0) as u8;
+            }
+        }
+        Look::new(&Frame::Eight(Gray { width, height, data }))
+    }
+
+    #[test]
+    fn a_pale_disc_stands_out_of_brushed_metal_and_bare_metal_does_not() {
+        let disc = Circle { center: Vector2::new(320.0, 240.0), radius: 40.0 };
+        let look = plate(disc, 30.0);
+        let z = |c: Circle, sides| standing(&look, c, sides, &[disc]).unwrap();
+        assert!(standing(&look, disc, Sides::Disc, &[]).unwrap() > 20.0);
+        assert!(standing(&look, disc, Sides::Edge, &[]).unwrap() > 10.0);
+        for i in 0..40 {
+            let (x, y) = (60.0 + 13.0 * f64::from(i), if i % 2 == 0 { 90.0 } else { 390.0 });
+            let bare = Circle { center: Vector2::new(x, y), radius: 40.0 };
+            assert!(z(bare, Sides::Disc) < 4.5, "{x} {y} {}", z(bare, Sides::Disc));
+        }
+    }
+
+    #[test]
+    fn where_no_bare_surface_is_left_nothing_is_said() {
+        let disc = Circle { center: Vector2::new(320.0, 240.0), radius: 300.0 };
+        assert!(standing(&plate(disc, 30.0), disc, Sides::Disc, &[]).is_none());
+    }
+}
