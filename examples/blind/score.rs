@@ -1,5 +1,7 @@
 //! Scoring of answers against sealed truths.
 
+use std::collections::BTreeMap;
+
 use pivotsight::diagnose::report::{NamedEffect, Report, Verdict};
 use pivotsight::diagnose::run::{Options, diagnose};
 
@@ -58,6 +60,7 @@ pub struct Tally {
     resolved: usize,
     intervals: usize,
     covered: usize,
+    classes: BTreeMap<String, usize>,
     verbose: Vec<String>,
 }
 
@@ -113,6 +116,11 @@ impl Tally {
         self.exact += usize::from(same && (truth.unknown.is_some() || report.unnamed.is_empty()));
         self.in_class += usize::from(all_in);
         self.false_names += usize::from(false_name);
+        for class in classes.iter().filter(|c| c.len() > 1) {
+            let mut members = class.clone();
+            members.sort_unstable();
+            *self.classes.entry(members.join("|")).or_default() += 1;
+        }
         self.class_sizes.extend(classes.iter().map(|c| c.len() as f64));
         self.flagged += usize::from(matches!(report.verdict, Verdict::Unknown | Verdict::Partly));
         if let Some(variable) = &truth.unknown {
@@ -186,7 +194,7 @@ impl Tally {
         }
     }
 
-    /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers.
+    /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers and the classes.
     pub fn print(&mut self, sort: &Sort, seconds: f64) {
         let n = self.cases;
         let mut parts = Vec::new();
@@ -225,6 +233,7 @@ impl Tally {
         println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));
         if std::env::var_os("BLIND_VERBOSE").is_some() {
             self.verbose.iter().for_each(|v| println!("{v}"));
+            self.classes.iter().for_each(|(class, count)| println!("    class {class}: {count}"));
         }
     }
 }
