@@ -16,6 +16,10 @@ const TRIES: usize = 4;
 /// A mark must differ from its surroundings by this many times what the bare surface does by itself, and more where less of it
 /// is seen: of the circles that may be drawn into texture some always differ by three or so, and parts of them by ten.
 const STANDING: f64 = 4.0;
+/// A spot's step as a part of the ring's: a glow about the ring is fainter.
+const LEAST_STEP: f64 = 0.05;
+/// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
+const ON_EDGE: f64 = 2.0;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -185,6 +189,12 @@ fn concentric(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
 }
 
+/// Whether two circles' outlines meet, or come as close as `reach_px`.
+fn cross(large: &Circle, small: &Circle, reach_px: f64) -> bool {
+    ((large.center - small.center).norm() - large.radius).abs() < small.radius + reach_px
+        && large.radius > 1.5 * small.radius
+}
+
 /// Circles inside a ring that may be its spot, best first.
 fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
     let ring = outer.circle;
@@ -198,12 +208,20 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
             centers: 6,
         },
     );
-    let rank = |c: &Candidate| c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
+    let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
+    let rank = |c: &Candidate| {
+        let toward_center = 1.0 + (off(c) / 0.5).powi(2);
+        c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage / toward_center
+    };
+    // A dot that small is believed to be the spot only where the spot should be.
+    let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
     let mut spots: Vec<Candidate> = inside
         .into_iter()
         .filter(|c| {
-            let off = (c.circle.center - ring.center).norm();
-            is_steady(c) && off + 0.5 * c.circle.radius < 0.95 * ring.radius
+            is_steady(c)
+                && !spatter(c)
+                && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
+                && c.step.abs() > LEAST_STEP * outer.step.abs()
         })
         .collect();
     spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
@@ -293,9 +311,12 @@ fn measure_spot(
         outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
         softness_px: spot.softness_px.max(1.5),
     };
-    let spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    let mut spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    if edges.iter().any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
+        spot.covariance *= ON_EDGE * ON_EDGE;
+    }
     let plausible = is_circle(&spot, &SPOT)
-        && spot.circle.radius < 0.6 * ring.circle.radius
+        && spot.circle.radius < 0.5 * ring.circle.radius // Beyond is the annulus' inner edge.
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
         && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;
     plausible.then_some(spot)
