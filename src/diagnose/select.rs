@@ -26,7 +26,7 @@ const PLACES_REFINED: usize = 4;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
 /// p-value of a name, by itself, that is worth a fit.
-const WORTH_A_TRIAL: f64 = 0.01;
+const WORTH_A_TRIAL: f64 = 0.2;
 /// Names this much less likely than the first by their scores are not tried, nats.
 const CLEARLY_BETTER: f64 = 10.0;
 /// Names whose fits differ by no more are as likely, nats.
