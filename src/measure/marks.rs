@@ -312,7 +312,8 @@ fn measure_spot(
         softness_px: spot.softness_px.max(1.5),
     };
     let mut spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
-    if edges.iter().any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
+    let strong = |e: &&Candidate| e.step.abs() > 0.3 * ring.contrast.abs();
+    if edges.iter().filter(strong).any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
         spot.covariance *= ON_EDGE * ON_EDGE;
     }
     let plausible = is_circle(&spot, &SPOT)
