@@ -1,5 +1,5 @@
 //! Blind test of the diagnosis: a generator written apart from the library hides effects, the diagnosis sees only the data,
-//! and the answers are scored with Wilson intervals.
+//! and the answers are scored with Wilson intervals once all are given: until then the truths are in a file that has no name.
 //!
 //! `cargo run --profile quick --example blind -- rtcp 200 [seed]`; the seed is drawn at run time unless given.
 
@@ -9,28 +9,20 @@ mod plans;
 mod rod;
 mod rtcp;
 mod score;
+mod sealed;
 
 use pivotsight::diagnose::experiment::PlannedCapture;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
-/// A hidden truth: what was put into the data.
-#[derive(Debug, Clone, Default)]
-pub struct Truth {
-    /// Library names hidden.
-    pub names: Vec<&'static str>,
-    /// Variable of an effect outside the library.
-    pub unknown: Option<&'static str>,
-}
+use sealed::Sealed;
 
-/// One sealed case: the data as the diagnosis gets it, and the truth.
+/// One case: all that the diagnosis gets. Its truth is put away before.
 pub struct Case {
     /// CSV text.
     pub csv: String,
     /// Noise figure handed over, if any.
     pub noise_mm: Option<f64>,
-    /// The truth.
-    pub truth: Truth,
     /// Measures further captures of the same machine: more lines of CSV.
     pub more: More,
 }
@@ -38,7 +30,7 @@ pub struct Case {
 /// Measures planned captures.
 pub type More = Box<dyn FnMut(&[PlannedCapture]) -> String>;
 
-fn main() {
+fn main() -> std::io::Result<()> {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     let kind = arguments.first().map_or("rtcp", String::as_str);
     let count: usize = arguments.get(1).and_then(|a| a.parse().ok()).unwrap_or(200);
@@ -57,11 +49,12 @@ fn main() {
         if only.as_deref().is_some_and(|o| !sort.name.contains(o)) {
             continue;
         }
-        let mut tally = score::Tally::default();
+        let mut sealed = Sealed::new()?;
+        let mut answers = Vec::new();
         let started = std::time::Instant::now();
         for index in 0..count {
             let case_rng = ChaCha8Rng::seed_from_u64(rng.random());
-            let mut case = match kind {
+            let (mut case, truth) = match kind {
                 "rtcp" => rtcp::case(sort, index, case_rng),
                 "rod" => rod::case(sort, index, case_rng),
                 "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, case_rng),
@@ -70,8 +63,15 @@ fn main() {
                     std::process::exit(2);
                 }
             };
-            tally.add(sort, &mut case, kind);
+            sealed.put(truth)?;
+            answers.push(score::answer(&mut case, kind));
         }
-        tally.print(sort, started.elapsed().as_secs_f64() / count as f64);
+        let seconds = started.elapsed().as_secs_f64() / count as f64;
+        let mut tally = score::Tally::default();
+        for (truth, answer) in sealed.open()?.iter().zip(&answers) {
+            tally.add(sort, truth, answer);
+        }
+        tally.print(sort, seconds);
     }
+    Ok(())
 }

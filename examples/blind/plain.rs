@@ -8,9 +8,10 @@ use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 use pivotsight::machine::{Head, Machine, Table as Origin};
 use pivotsight::table::Table;
 
+use crate::Case;
 use crate::plans::{gauss, length_beyond};
 use crate::score::Sort;
-use crate::{Case, Truth};
+use crate::sealed::{Size, Truth};
 
 /// A row's numbers, in the order of the kind's columns.
 type Row = Vec<f64>;
@@ -150,8 +151,20 @@ fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
     }
 }
 
+/// The library's parameter of an effect that has its very form, and the value that a size stands for.
+fn library_size(name: &str, size: f64) -> Option<(&'static str, f64)> {
+    match name {
+        "beam-tilt-x" | "beam-tilt-y" => Some(("angle_deg", (size / 50.0).to_degrees())),
+        "heating-hysteresis" => Some(("half_width_mm", size)),
+        "b-backlash" => Some(("width_deg", (2.0 * size / 400.0).to_degrees())),
+        "z-backlash" => Some(("width_mm", 2.0 * size)),
+        "thermal-growth" => Some(("mm_per_c", size)),
+        _ => None,
+    }
+}
+
 /// One case of a kind.
-pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let rng = &mut own;
     let (rows, names, noise) = match kind {
         "burn" => (burn_plan(rng), BURN, 0.003),
@@ -164,8 +177,8 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case 
     while truth.names.len() < sort.known {
         let at = if truth.names.is_empty() { index } else { rng.random_range(0..names.len()) };
         let name = names[at % names.len()];
-        if !truth.names.contains(&name) {
-            truth.names.push(name);
+        if !truth.names.iter().any(|n| n == name) {
+            truth.names.push(name.to_owned());
             hidden.push(match kind {
                 "burn" => burn_effect(name, rng),
                 "thermal" => thermal_effect(name),
@@ -193,6 +206,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case 
         let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
         sizes.push(z * noise * 1e-6 / length_beyond(unit, &nuisances).max(1e-15));
     }
+    truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from(match kind {
         "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
         "thermal" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
@@ -263,7 +277,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case 
         });
         lines.collect()
     };
-    Case { csv, noise_mm: None, truth, more: Box::new(more) }
+    (Case { csv, noise_mm: None, more: Box::new(more) }, truth)
 }
 
 /// The data as the diagnosis reads them.

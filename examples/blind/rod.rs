@@ -7,9 +7,10 @@ use pivotsight::camera::{Calibration, Lens, Mapping};
 use pivotsight::diagnose::data::rod::RodExperiment;
 use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 
+use crate::Case;
 use crate::plans::{gauss, shuffled};
 use crate::score::Sort;
-use crate::{Case, Truth};
+use crate::sealed::{Size, Truth};
 
 const CAPTURES: usize = 60;
 const POINTS: usize = 24;
@@ -307,8 +308,21 @@ fn worth(e: &Effect, captures: &[Capture]) -> f64 {
     information.sqrt()
 }
 
+/// The library's parameter of an effect that has its very form, and the value that a size stands for.
+fn library_size(name: &str, size: f64) -> Option<(&'static str, f64)> {
+    match name {
+        "pixel-aspect" => Some(("v_um_per_m", 1e6 * size)),
+        "pixel-scale" | "camera-shear" | "scale-x" | "scale-y" | "squareness-xy" => {
+            Some(("um_per_m", 1e6 * size))
+        }
+        "camera-rotation" => Some(("angle_deg", size.to_degrees())),
+        "rod-growth" => Some(("radius_mm_per_c", size)),
+        _ => None,
+    }
+}
+
 /// One case.
-pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let rng = &mut own;
     let captures = plan(sort, rng);
     let mut truth = Truth::default();
@@ -322,14 +336,14 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
         } else {
             name
         };
-        if !truth.names.contains(&name) {
-            truth.names.push(name);
+        if !truth.names.iter().any(|n| n == name) {
+            truth.names.push(name.to_owned());
             hidden.push(effect(name, &captures, rng));
         }
     }
     if sort.unknown > 0 {
         let (variable, e) = stranger(sort.unknown == 2, &captures, rng);
-        truth.unknown = Some(variable);
+        truth.unknown = Some(variable.to_owned());
         hidden.push(e);
     }
     let sizes: Vec<f64> = hidden
@@ -339,6 +353,7 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
             z / worth(e, &captures).max(1e-9)
         })
         .collect();
+    truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,temp_c,dir_x,dir_y,u_px,v_px\n");
     let mut lines = move |k: usize, c: &Capture| -> String {
         let mut csv = String::new();
@@ -395,7 +410,7 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
         });
         measured.collect()
     };
-    Case { csv, noise_mm: None, truth, more: Box::new(more) }
+    (Case { csv, noise_mm: None, more: Box::new(more) }, truth)
 }
 
 /// The data as the diagnosis reads them.

@@ -7,9 +7,10 @@ use pivotsight::diagnose::data::rtcp::RtcpExperiment;
 use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 use pivotsight::machine::{Head, Machine, Table as TableOrigin, Target};
 
+use crate::Case;
 use crate::plans::{gauss, length_beyond, shuffled};
 use crate::score::Sort;
-use crate::{Case, Truth};
+use crate::sealed::{Size, Truth};
 
 const DX: f64 = 0.283;
 const R: f64 = 214.7;
@@ -275,8 +276,23 @@ fn stranger(outside: bool, rows: &[Row], rng: &mut impl Rng) -> (&'static str, E
     (name, effect)
 }
 
+/// The library's parameter of an effect that has its very form, and the value that a size stands for.
+fn library_size(name: &str, size: f64) -> Option<(&'static str, f64)> {
+    match name {
+        "pivot-offset-x" => Some(("delta_x_mm", size)),
+        "pivot-length" => Some(("r_mm", size)),
+        "b-zero" => Some(("angle_deg", (size / R).to_degrees())),
+        "b-axis-tilt-x" | "b-axis-tilt-z" => Some(("tilt_deg", (size / R).to_degrees())),
+        "c-axis-tilt-x" | "c-axis-tilt-y" => Some(("tilt_deg", (size / 80.0).to_degrees())),
+        _ if name.starts_with("squareness") || name.starts_with("scale") => {
+            Some(("um_per_m", 1e4 * size))
+        }
+        _ => None,
+    }
+}
+
 /// One case.
-pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
+pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let rng = &mut own;
     let rows = plan(sort, rng);
     let mut truth = Truth::default();
@@ -289,14 +305,14 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
             NAMES[rng.random_range(0..NAMES.len())]
         };
         let name = if skip.contains(&name) { "pivot-length" } else { name };
-        if !truth.names.contains(&name) {
-            truth.names.push(name);
+        if !truth.names.iter().any(|n| n == name) {
+            truth.names.push(name.to_owned());
             hidden.push(effect(name, &rows, rng));
         }
     }
     if sort.unknown > 0 {
         let (variable, e) = stranger(sort.unknown == 2, &rows, rng);
-        truth.unknown = Some(variable);
+        truth.unknown = Some(variable.to_owned());
         hidden.push(e);
     }
     let mut sizes = Vec::new();
@@ -319,6 +335,7 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
         sizes.push(size);
     }
     let shift = [0.03 * gauss(rng), 0.03 * gauss(rng), 0.03 * gauss(rng)];
+    truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm,dir_b,dir_c,t_s,temp_c\n");
     let mut line = move |r: &Row| -> String {
         let total = hidden.iter().zip(&sizes).fold([0.0; 3], |d, (e, a)| plus(d, e(r, *a)));
@@ -353,7 +370,7 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> Case {
         });
         lines.collect()
     };
-    Case { csv, noise_mm: None, truth, more: Box::new(more) }
+    (Case { csv, noise_mm: None, more: Box::new(more) }, truth)
 }
 
 /// The data as the diagnosis reads them.

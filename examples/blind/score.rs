@@ -1,9 +1,12 @@
 //! Scoring of answers against sealed truths.
 
+use std::collections::BTreeMap;
+
 use pivotsight::diagnose::report::{NamedEffect, Report, Verdict};
 use pivotsight::diagnose::run::{Options, diagnose};
 
 use crate::Case;
+use crate::sealed::Truth;
 
 /// A sort of case.
 pub struct Sort {
@@ -55,11 +58,30 @@ pub struct Tally {
     closed: Vec<f64>,
     confused: usize,
     resolved: usize,
+    intervals: usize,
+    covered: usize,
+    classes: BTreeMap<String, usize>,
     verbose: Vec<String>,
 }
 
-/// Runs the diagnosis on a case's data alone.
-fn answer(csv: &str, noise_mm: Option<f64>, kind: &str) -> Report {
+/// The answer to a case; then, where it asked for captures, how many, and the answer with those.
+pub struct Answer {
+    report: Report,
+    again: Option<(usize, Report)>,
+}
+
+/// Runs the diagnosis on a case's data alone, and takes the captures that the answer asks for.
+pub fn answer(case: &mut Case, kind: &str) -> Answer {
+    let report = diagnosed(&case.csv, case.noise_mm, kind);
+    let next = report.next_measurement.as_ref().filter(|n| n.resolves);
+    let again = next.map(|next| {
+        let all = case.csv.clone() + &(case.more)(&next.captures);
+        (next.captures.len(), diagnosed(&all, case.noise_mm, kind))
+    });
+    Answer { report, again }
+}
+
+fn diagnosed(csv: &str, noise_mm: Option<f64>, kind: &str) -> Report {
     let options = Options { noise_mm };
     let experiment = match kind {
         "rtcp" => crate::rtcp::read(csv),
@@ -70,12 +92,12 @@ fn answer(csv: &str, noise_mm: Option<f64>, kind: &str) -> Report {
 }
 
 impl Tally {
-    /// Diagnoses a case and scores the answer.
-    pub fn add(&mut self, sort: &Sort, case: &mut Case, kind: &str) {
-        let report = answer(&case.csv, case.noise_mm, kind);
-        self.close_loop(&report, case, kind);
+    /// Scores an answer.
+    pub fn add(&mut self, sort: &Sort, truth: &Truth, answer: &Answer) {
+        let report = &answer.report;
+        self.count_loop(truth, answer);
+        self.count_intervals(truth, report);
         self.cases += 1;
-        let truth = &case.truth;
         let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
         let classes: Vec<Vec<&str>> = report
             .effects
@@ -86,18 +108,24 @@ impl Tally {
             })
             .collect();
         self.statement += usize::from(report.verdict != Verdict::Consistent);
-        let all_in = truth.names.iter().all(|t| classes.iter().any(|c| c.contains(t)));
-        let false_name = classes.iter().any(|c| !truth.names.iter().any(|t| c.contains(t)));
-        let same =
-            names.len() == truth.names.len() && truth.names.iter().all(|t| names.contains(t));
+        let all_in = truth.names.iter().all(|t| classes.iter().any(|c| c.contains(&t.as_str())));
+        let false_name =
+            classes.iter().any(|c| !truth.names.iter().any(|t| c.contains(&t.as_str())));
+        let same = names.len() == truth.names.len()
+            && truth.names.iter().all(|t| names.contains(&t.as_str()));
         self.exact += usize::from(same && (truth.unknown.is_some() || report.unnamed.is_empty()));
         self.in_class += usize::from(all_in);
         self.false_names += usize::from(false_name);
+        for class in classes.iter().filter(|c| c.len() > 1) {
+            let mut members = class.clone();
+            members.sort_unstable();
+            *self.classes.entry(members.join("|")).or_default() += 1;
+        }
         self.class_sizes.extend(classes.iter().map(|c| c.len() as f64));
         self.flagged += usize::from(matches!(report.verdict, Verdict::Unknown | Verdict::Partly));
-        if let Some(variable) = truth.unknown {
+        if let Some(variable) = &truth.unknown {
             self.right_variable +=
-                usize::from(report.unnamed.iter().any(|u| u.versus.contains(variable)));
+                usize::from(report.unnamed.iter().any(|u| u.versus.contains(variable.as_str())));
         }
         let g = &report.gap;
         let noise2 = g.noise_rms_mm.powi(2);
@@ -130,17 +158,29 @@ impl Tally {
         }
     }
 
-    /// Takes the captures that the answer asks for, and looks whether one name is left.
-    fn close_loop(&mut self, report: &Report, case: &mut Case, kind: &str) {
-        let Some(next) = report.next_measurement.as_ref().filter(|n| n.resolves) else {
-            return;
-        };
-        let all = case.csv.clone() + &(case.more)(&next.captures);
-        let again = answer(&all, case.noise_mm, kind);
+    /// Whether the stated intervals of the sizes contain the truth, where a name and its form are right.
+    fn count_intervals(&mut self, truth: &Truth, report: &Report) {
+        for size in &truth.sizes {
+            let same =
+                |e: &&NamedEffect| e.name == size.name && !e.parameters.contains_key("datum");
+            let Some(e) = report.effects.iter().find(same) else { continue };
+            let key = &size.parameter;
+            let (Some(value), Some(u95)) = (e.parameters.get(key), e.parameters_u95.get(key))
+            else {
+                continue;
+            };
+            self.intervals += 1;
+            self.covered += usize::from((value.abs() - size.value.abs()).abs() <= *u95);
+        }
+    }
+
+    /// Whether one name is left once the captures that the answer asks for have been taken.
+    fn count_loop(&mut self, truth: &Truth, answer: &Answer) {
+        let Some((captures, again)) = &answer.again else { return };
         let names: Vec<&str> = again.effects.iter().map(|e| e.name.as_str()).collect();
         let alone = again.effects.iter().all(|e| e.confusable_with.is_empty());
-        let right = names.len() == case.truth.names.len()
-            && case.truth.names.iter().all(|t| names.contains(t));
+        let right = names.len() == truth.names.len()
+            && truth.names.iter().all(|t| names.contains(&t.as_str()));
         self.confused += 1;
         self.resolved += usize::from(alone && right);
         if !(alone && right) {
@@ -149,15 +189,12 @@ impl Tally {
                 .iter()
                 .map(|e| format!("{}|{}", e.name, e.confusable_with.join("|")))
                 .collect();
-            self.verbose.push(format!(
-                "    loop: {:?} after {} captures -> {found:?}",
-                case.truth,
-                next.captures.len()
-            ));
+            self.verbose
+                .push(format!("    loop: {truth:?} after {captures} captures -> {found:?}"));
         }
     }
 
-    /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers.
+    /// Prints one line of rates, then (where BLIND_VERBOSE is set) the wrong answers and the classes.
     pub fn print(&mut self, sort: &Sort, seconds: f64) {
         let n = self.cases;
         let mut parts = Vec::new();
@@ -175,6 +212,10 @@ impl Tally {
             parts.push(format!("right variable {}", rate(self.right_variable, n)));
         }
         parts.push(format!("false names {}", rate(self.false_names, n)));
+        if self.intervals > 0 {
+            let covered = rate(self.covered, self.intervals);
+            parts.push(format!("{} intervals of sizes, with the truth {covered}", self.intervals));
+        }
         if sort.known > 0 && sort.unknown == 0 && !self.closed.is_empty() {
             self.closed.sort_by(f64::total_cmp);
             parts.push(format!(
@@ -192,6 +233,7 @@ impl Tally {
         println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));
         if std::env::var_os("BLIND_VERBOSE").is_some() {
             self.verbose.iter().for_each(|v| println!("{v}"));
+            self.classes.iter().for_each(|(class, count)| println!("    class {class}: {count}"));
         }
     }
 }
