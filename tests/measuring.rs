@@ -48,6 +48,28 @@ fn burns_are_measured_to_their_uncertainty() {
 }
 
 #[test]
+fn a_burn_partly_out_of_the_picture_is_measured_like_the_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = ::image::open(image("burn-typical/burn-0001.png")).unwrap();
+    let calib = image("../calib/scale.toml");
+    let measure = |x: u32| {
+        let file = folder.path().join(format!("{x}.png"));
+        whole.crop_imm(x, 0, whole.width() - x, whole.height()).save(&file).unwrap();
+        let file = file.to_str().unwrap();
+        let (code, result, error) = run(&["burn", file, "--calib", &calib, "--format", "json"]);
+        assert!(code <= 1, "{error}");
+        result
+    };
+    let (all, part) = (measure(0), measure(300));
+    assert!(number(&part, "/ring/arc_coverage") < 0.8);
+    for axis in 0..2 {
+        let both = |what: &str| [&all, &part].map(|r| number(r, &format!("/{what}/{axis}")));
+        let ([a, b], [u, v]) = (both("offset_mm"), both("offset_u95_mm"));
+        assert!((a - b).abs() < u + v, "{a} ± {u}, {b} ± {v}");
+    }
+}
+
+#[test]
 fn washers_agree_with_the_coordinate_measuring_machine() {
     let data = format!("{}/../shared/data/washers", env!("CARGO_MANIFEST_DIR"));
     let Ok(cmm) = std::fs::read_to_string(format!("{data}/cmm.csv")) else {

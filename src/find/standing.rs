@@ -69,8 +69,8 @@ fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle
     Some(1.4826 * *differences.select_nth_unstable_by(middle, f64::total_cmp).1)
 }
 
-/// Mean level outside a circle minus that inside, reduced pixels, of the directions in which both lie on one side of all
-/// `marks`; `None` where few do or the picture ends.
+/// Mean level outside a circle minus that inside, reduced pixels, of the directions in which both lie in the picture and on one
+/// side of all `marks`; `None` where few do.
 fn difference(
     look: &Look,
     center: Vector2<f64>,
@@ -88,13 +88,15 @@ fn difference(
             let (inner, outer) = (at(1.0 - depth), at(1.0 + depth));
             if marks.iter().all(|m| within(inner, m) == within(outer, m)) {
                 let value = |p: Vector2<f64>| f64::from(value_at(image, p.x, p.y));
-                sum += value(outer) - value(inner);
-                count += 1;
+                let step = value(outer) - value(inner);
+                if step.is_finite() {
+                    sum += step;
+                    count += 1;
+                }
             }
         }
     }
-    let mean = sum / count as f64;
-    (count >= RAYS / 2 && mean.is_finite()).then_some(mean)
+    (count >= RAYS / 2).then(|| sum / count as f64)
 }
 
 #[cfg(test)]
@@ -142,7 +144,7 @@ mod tests {
 
     #[test]
     fn where_no_bare_surface_is_left_nothing_is_said() {
-        let disc = Circle { center: Vector2::new(320.0, 240.0), radius: 300.0 };
+        let disc = Circle { center: Vector2::new(320.0, 240.0), radius: 390.0 };
         assert!(standing(&plate(disc, 30.0), disc, Sides::Disc, &[]).is_none());
     }
 }

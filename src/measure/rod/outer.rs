@@ -26,8 +26,8 @@ const ECCENTRIC_MM: f64 = 0.2;
 /// Width of a bin of distance: finer than any chamfer, and two pixels at least.
 const BIN_MM: f64 = 0.01;
 const LEAST_BIN_PX: f64 = 2.0;
-/// Bins are that much wider at first, while the centre is not known.
-const FAR: f64 = 2.0;
+/// The same at first, while the centre is not known.
+const FAR_BIN_MM: f64 = 0.02;
 /// Sectors along each arc.
 const SECTORS: usize = 32;
 /// Bins on either side of a step.
@@ -73,8 +73,9 @@ pub(super) fn rim(
         .collect()
     };
     // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
-    let far = look(rough, FAR * bin_mm);
-    let shift = Search { bin_mm: FAR * bin_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
+    let far_mm = bin_mm.max(FAR_BIN_MM);
+    let far = look(rough, far_mm);
+    let shift = Search { bin_mm: far_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
     let about = Circle { center: rough.center + shift, ..rough };
     let sights = look(about, bin_mm);
     let inside_mm = sights.first()?.inside_mm;
