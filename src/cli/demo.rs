@@ -15,7 +15,7 @@ pub struct Args {
     #[arg(long, value_name = "DIR", default_value = "demo-out")]
     out_dir: PathBuf,
     /// Draws another machine
-    #[arg(long, default_value_t = 2)]
+    #[arg(long, default_value_t = 6)]
     seed: u64,
     /// A machine with an effect its model lacks: photograph, measure, diagnose, correct the model
     #[arg(long)]
