@@ -45,6 +45,11 @@ impl Noise {
         self.pixel2 / bin.count + self.shape2[node]
     }
 
+    /// One over the standard deviation of a bin's mean, in a sector of that shift.
+    fn weight(&self, bin: &Bin, shift_px: f64) -> f64 {
+        1.0 / self.variance(bin, self.node(bin.distance - shift_px)).sqrt()
+    }
+
     /// The node nearest to a distance.
     fn node(&self, distance_px: f64) -> usize {
         let place = ((distance_px - self.start_px) / self.step_px).round().max(0.0);
@@ -55,10 +60,7 @@ impl Noise {
     pub(super) fn whitening(&self, bins: &[Bin], shift_px: f64, list: &mut Vec<Whitening>) {
         list.clear();
         let mut filter = Filter::new(self.share, self.length_px);
-        list.extend(bins.iter().map(|b| {
-            let weight = 1.0 / self.variance(b, self.node(b.distance - shift_px)).sqrt();
-            filter.next(b.distance, weight)
-        }));
+        list.extend(bins.iter().map(|b| filter.next(b.distance, self.weight(b, shift_px))));
     }
 
     /// Learns the variances from what the matches leave over.
@@ -121,8 +123,7 @@ impl Noise {
             .step_by(every)
             .map(|&s| {
                 let row = |b: &Bin| {
-                    let variance = self.variance(b, self.node(b.distance - matches[s].shift));
-                    let weight = 1.0 / variance.sqrt();
+                    let weight = self.weight(b, matches[s].shift);
                     (b.distance, matches[s].row(b, shape).map(|v| v * weight))
                 };
                 sectors[s].iter().map(row).collect()

@@ -31,8 +31,7 @@ pub(super) struct Match {
 impl Match {
     /// What the match leaves over of a bin's value.
     pub(super) fn residual(&self, b: &Bin, shape: &Shape) -> f64 {
-        let at = shape.at(self.place(b, &shape.edge));
-        b.value - self.level - self.gain * at.profile - self.tail * at.tail
+        self.row(b, shape)[PARAMETERS]
     }
 
     /// Where a bin falls on the common profile.
@@ -44,7 +43,7 @@ impl Match {
     #[inline]
     pub(super) fn row(&self, b: &Bin, shape: &Shape) -> Row {
         let from_edge = b.distance - self.shift - shape.edge.distance_px;
-        let at = shape.at(shape.edge.distance_px + (1.0 + self.stretch) * from_edge);
+        let at = shape.at(self.place(b, &shape.edge));
         let steep = self.gain * at.slope;
         let residual = b.value - self.level - self.gain * at.profile - self.tail * at.tail;
         [1.0, at.profile, -steep * (1.0 + self.stretch), steep * from_edge, at.tail, residual]

@@ -7,6 +7,11 @@ use crate::fit::Circle;
 
 /// Directions in which both sides of a circle are read.
 const RAYS: usize = 32;
+/// Places of the bare surface that say what it does by itself.
+const LEAST_PLACES: usize = 12;
+/// Radii from a circle's own down to an eighth that may say it where its own finds no room: small circles differ more.
+const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
+
 /// Where they are read, in radii from the edge: well inside and well outside of a disc, or close by a ring's edge.
 #[derive(Clone, Copy)]
 pub enum Sides {
@@ -15,10 +20,6 @@ pub enum Sides {
     /// Of an edge that may be one of two close to each other.
     Edge,
 }
-/// Places of the bare surface that say what it does by itself.
-const LEAST_PLACES: usize = 12;
-/// Radii from a circle's own down to an eighth that may say it where its own finds no room: small circles differ more.
-const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 
 impl Sides {
     fn depths(self) -> [f64; 3] {
@@ -113,8 +114,7 @@ mod tests {
             f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5
         };
         let mut data = vec![0u8; width * height];
-        for row in data.chunks_mut(width).enumerate() {
-            let (y, row) = row;
+        for (y, row) in data.chunks_mut(width).enumerate() {
             let mut streak = 0.0;
             for (x, value) in row.iter_mut().enumerate() {
                 if x % 120 == 0 {
