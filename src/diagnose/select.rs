@@ -4,14 +4,14 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::legendre;
+use crate::diagnose::generic::{Term, legendre};
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
 use crate::diagnose::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
-const ALPHA_LIBRARY: f64 = 0.005;
+const ALPHA_LIBRARY: f64 = 0.004;
 /// Chance of any false generic term where nothing is hidden.
 const ALPHA_GENERIC: f64 = 0.001;
 /// A generic shape must be this much more likely than a library effect to be preferred, nats. Less than none: a shape has paid for
@@ -215,16 +215,21 @@ impl Selection {
             Who::Extra(Extra::Generic(t)) if t.shape.is_placed() => Some(*t),
             _ => None,
         };
-        let around: Vec<_> = scores
+        let around: Vec<(Term, f64)> = scores
             .iter()
-            .filter_map(placed)
+            .filter_map(|s| Some((placed(s)?, s.ln_p)))
             .take(PLACES_REFINED)
-            .flat_map(|t| t.around(layout))
-            .map(|t| (Extra::Generic(t), t.columns(layout)))
+            .flat_map(|(t, ln_p)| t.around(layout).into_iter().map(move |t| (t, ln_p)))
             .collect();
-        let finer = Pool::of_terms(fitter, around);
-        let refined = best(standing.scores(fitter, f, &finer))
-            .map(|s| (finer.candidates[s.candidate].who.clone(), s));
+        let terms = around.iter().map(|(t, _)| (Extra::Generic(*t), t.columns(layout)));
+        let finer = Pool::of_terms(fitter, terms.collect());
+        // A better place says where, not whether: p is that of the dictionary's own place, one of the tests counted.
+        let refined = best(standing.scores(fitter, f, &finer)).and_then(|s| {
+            let who = &finer.candidates[s.candidate].who;
+            let same = |t: &Term| Who::Extra(Extra::Generic(*t)) == *who;
+            let ln_p = around.iter().find(|(t, _)| same(t))?.1;
+            Some((who.clone(), Score { ln_p, ..s }))
+        });
         let coarse = scores.into_iter().next().map(|s| (who(&s).clone(), s));
         [coarse, refined].into_iter().flatten().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))
     }
