@@ -169,8 +169,14 @@ impl Tally {
             else {
                 continue;
             };
+            let holds = (value.abs() - size.value.abs()).abs() <= *u95;
             self.intervals += 1;
-            self.covered += usize::from((value.abs() - size.value.abs()).abs() <= *u95);
+            self.covered += usize::from(holds);
+            if !holds {
+                let missed = format!("{key} = {value:.6} ± {u95:.6}, not {:.6}", size.value);
+                self.verbose
+                    .push(format!("    interval: {} of {:?}: {missed}", e.name, truth.names));
+            }
         }
     }
 

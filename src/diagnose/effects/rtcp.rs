@@ -129,7 +129,7 @@ pub fn library(data: &Rtcp) -> L {
     head_effects(&mut l, data);
     table_effects(&mut l, data);
     rtcp_slow::time_effects(&mut l, data);
-    rtcp_slow::linear_effects(&mut l);
+    rtcp_slow::linear_effects(&mut l, data);
     l
 }
 

@@ -96,7 +96,7 @@ pub fn time_effects(l: &mut L, data: &Rtcp) {
 }
 
 /// Scales and squareness of the linear axes, about the machine's zero or (`datum = 1`) the C axis.
-pub fn linear_effects(l: &mut L) {
+pub fn linear_effects(l: &mut L, data: &Rtcp) {
     type Row = (&'static str, &'static str, usize, usize, f64);
     let rows: [Row; 6] = [
         ("squareness-xy", "Y is not square to X (C0Y)", 0, 1, -1.0),
@@ -111,6 +111,10 @@ pub fn linear_effects(l: &mut L) {
         let best = "long moves: B over its whole range and the target far out";
         l.effect(Words { name, meaning, evidence, best, varies_with: &[] }, None);
         for datum in [false, true] {
+            if datum && data.geometry.centre[input] == 0.0 {
+                // The C axis is the machine's zero: one and the same form, and no choice to pay for.
+                continue;
+            }
             let mut parameters = vec![Parameter::linear("um_per_m", 20.0)];
             if datum {
                 parameters.push(Parameter::switch("datum", 1.0));
