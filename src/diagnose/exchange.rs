@@ -89,12 +89,18 @@ impl Selection {
         {
             consider(s.evidence - LIBRARY_BONUS - own, &[&who]);
         }
-        let splits = single && !named && !is_form(&gone[0]);
-        if splits || (!single && !gone.iter().any(is_form)) {
-            let own = if splits { own - LEAST_GAIN } else { own + LEAST_GAIN };
-            if let Some((evidence, [a, b])) = best_pair(fitter, f, &standing, &self.library, &free)
-            {
-                consider(evidence - SECOND_NAME - own, &[&a, &b]);
+        if !gone.iter().any(is_form) {
+            let own = match (single, named) {
+                (true, true) => own,
+                (true, false) => own - LEAST_GAIN,
+                (false, _) => own + LEAST_GAIN,
+            };
+            if let Some((evidence, pair)) = best_pair(fitter, f, &standing, &self.library, &free) {
+                // That a single name stays, beside a second one, is for the next addition to say.
+                let stays = |who: &Who| matches!((who, gone), (Who::Effect(a), [Part::Effect(i)]) if a.effect == f.model.active[*i].effect);
+                if !pair.iter().any(stays) {
+                    consider(evidence - SECOND_NAME - own, &pair.each_ref());
+                }
             }
         }
         found

@@ -11,7 +11,7 @@ use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
 use crate::diagnose::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
-const ALPHA_LIBRARY: f64 = 0.004;
+const ALPHA_LIBRARY: f64 = 0.005;
 /// Chance of any false generic term where nothing is hidden.
 const ALPHA_GENERIC: f64 = 0.001;
 /// A generic shape must be this much more likely than a library effect to be preferred, nats. Less than none: a shape has paid for
