@@ -86,7 +86,8 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
                 weights.fill(0.0);
             }
         }
-        let ease = (displacement / scale).powi(2);
+        // Wander alone moves the middle of an arc by half the scatter of its points.
+        let ease = ((displacement / scale).powi(2) - 0.25).max(0.0);
         if step(arcs, &mut joint, ease, scale)? < 1e-9 {
             break;
         }
