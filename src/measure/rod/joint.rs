@@ -79,10 +79,12 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         let missed = missed(arcs, &joint, &usable);
         let displacement =
             1.4826 * median(&mut missed.iter().flatten().copied().collect::<Vec<_>>());
+        let gross = |m: &Option<f64>| m.is_some_and(|m| m > GROSS * displacement.max(scale));
+        // Many that are far off are no slips but how this machine is.
+        let slips = missed.iter().filter(|m| gross(m)).count() <= arcs.len().div_ceil(10);
         for (weights, missed) in joint.weights.iter_mut().zip(&missed) {
             let agreeing = weights.iter().filter(|w| **w > 0.0).count() as f64;
-            let gross = missed.is_some_and(|m| m > GROSS * displacement.max(scale));
-            if gross || agreeing < LEAST_AGREEING * weights.len() as f64 {
+            if slips && gross(missed) || agreeing < LEAST_AGREEING * weights.len() as f64 {
                 weights.fill(0.0);
             }
         }
