@@ -79,7 +79,9 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         let missed = missed(arcs, &joint, &usable);
         let displacement =
             1.4826 * median(&mut missed.iter().flatten().copied().collect::<Vec<_>>());
-        let gross = |m: &Option<f64>| m.is_some_and(|m| m > GROSS * displacement.max(scale));
+        let gross = |m: &Option<f64>| {
+            m.is_some_and(|m| m > (GROSS * displacement.max(scale)).max(GROSS_MM))
+        };
         // Many that are far off are no slips but how this machine is.
         let slips = missed.iter().filter(|m| gross(m)).count() <= arcs.len().div_ceil(10);
         for (weights, missed) in joint.weights.iter_mut().zip(&missed) {
@@ -109,6 +111,8 @@ fn missed(arcs: &[Arc], joint: &Joint, usable: &[Vec<usize>]) -> Vec<Option<f64>
 
 /// An arc that misses the circle by this many times what the others do is no such arc, or its position is wrong.
 const GROSS: f64 = 8.0;
+/// No machine that cuts is out of place by this much by chance.
+const GROSS_MM: f64 = 0.02;
 /// Where less than this share of an arc's points agrees with a circle, they do so by chance.
 const LEAST_AGREEING: f64 = 0.08;
 
