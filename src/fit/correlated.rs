@@ -6,8 +6,15 @@
 //! the same everywhere (a ragged edge) or as V has it (brushed metal disturbs some arcs more than others). φ, ℓ
 //! and the kernel's kind are averaged over a grid, weighted by their restricted likelihood (Patterson &
 //! Thompson 1971), so that the answer also carries the uncertainty of the correlation itself.
+//!
+//! A group as a whole may also lie elsewhere than said (a machine's position is not exact): a random displacement,
+//! as large in all directions, whose size is one more dimension of the grid.
+
+mod displaced;
 
 use nalgebra::{DMatrix, DVector, Vector2};
+
+use displaced::{Solved, Whitened};
 
 /// What one edge has taught about how edges wander here, to judge a shorter edge of the same kind by.
 #[derive(Debug, Clone, Default)]
@@ -31,6 +38,8 @@ pub struct Rows {
     pub place: Vec<Vector2<f64>>,
     /// Observations of different groups (pictures) are independent. Groups are consecutive.
     pub group: Vec<usize>,
+    /// How much an observation grows when its group is displaced by one in x, in y; `None` where groups stay in place.
+    pub displacement: Option<Vec<Vector2<f64>>>,
 }
 
 /// The fitted coefficients and what is known of them.
@@ -52,6 +61,12 @@ pub struct Fit {
     pub influence: DMatrix<f64>,
     /// Residual covariance at the most likely grid point (n × n).
     pub row_covariance: DMatrix<f64>,
+    /// Probability that groups are displaced at all.
+    pub displaced: f64,
+    /// Most likely standard deviation of a displacement, in x as in y.
+    pub displacement_sd: f64,
+    /// The part of the residuals that the groups' most likely displacements make.
+    pub moved: DVector<f64>,
 }
 
 /// Any kernel: without a share it has no say.
@@ -89,6 +104,8 @@ struct Candidate {
     length: f64,
     kernel: Kernel,
     scale: f64,
+    /// Variance of the displacement, before scaling.
+    displacement: f64,
 }
 
 /// Fits. `None` where the rows do not determine the coefficients. `known` is what a longer edge of the same kind
@@ -104,14 +121,19 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         return None;
     }
     let grid = grid(rows, known);
-    let mut candidates = vec![candidate(rows, mean_variance, 0.0, 1.0, WHITE)?];
-    candidates[0].log_likelihood += grid.white.ln();
+    let mut candidates = at_grid_point(rows, mean_variance, 0.0, 1.0, WHITE, grid.white);
+    let white = candidates.len();
     for (kernel, length, probability) in grid.kernels {
         for share in SHARES {
-            if let Some(mut c) = candidate(rows, mean_variance, share, length, kernel) {
-                c.log_likelihood += (probability / SHARES.len() as f64).ln();
-                candidates.push(c);
-            }
+            let probability = probability / SHARES.len() as f64;
+            candidates.extend(at_grid_point(
+                rows,
+                mean_variance,
+                share,
+                length,
+                kernel,
+                probability,
+            ));
         }
     }
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
@@ -132,8 +154,9 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     // Real wander is not stationary: arcs differ, texture leans one way. Rendered burns of other makers cover
     // 80 % where a stationary edge would 95 %; this much more brings them to where they should be.
     covariance *= (1.0 + UNSTEADY * share / total).powi(2);
-    let mut wander = Wander { white: weight(&candidates[0]) / total, kernels: Vec::new() };
-    for c in &candidates[1..] {
+    let sum = |list: &[Candidate]| list.iter().map(weight).sum::<f64>() / total;
+    let mut wander = Wander { white: sum(&candidates[..white]), kernels: Vec::new() };
+    for c in &candidates[white..] {
         match wander.kernels.last_mut() {
             Some((kernel, length, sum)) if *kernel == c.kernel && *length == c.length => {
                 *sum += weight(c) / total;
@@ -141,9 +164,12 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
             _ => wander.kernels.push((c.kernel, c.length, weight(c) / total)),
         }
     }
+    let displaced = candidates.iter().filter(|c| c.displacement > 0.0).map(weight).sum::<f64>();
     let residuals = &rows.y - &rows.design * &beta;
-    let row_covariance =
-        covariance_matrix(rows, mean_variance, best.share, best.length, best.kernel) * best.scale;
+    let mut row_covariance = covariance_matrix(rows, mean_variance, best);
+    let moved = displaced::most_likely(rows, &row_covariance, &residuals, best.displacement);
+    displaced::add(rows, best.displacement, &mut row_covariance);
+    row_covariance *= best.scale;
     let solved = row_covariance.clone().cholesky()?.solve(&rows.design);
     let influence = rows.design.tr_mul(&solved).try_inverse()? * solved.transpose();
     Some(Fit {
@@ -155,6 +181,9 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         wander,
         influence,
         row_covariance,
+        displaced: displaced / total,
+        displacement_sd: (best.displacement * best.scale).sqrt(),
+        moved,
     })
 }
 
@@ -256,64 +285,49 @@ pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
     ranges
 }
 
-fn covariance_matrix(
-    rows: &Rows,
-    mean_variance: f64,
-    share: f64,
-    length: f64,
-    kernel: Kernel,
-) -> DMatrix<f64> {
+/// Covariance of the rows where their groups stay in place, before scaling.
+fn covariance_matrix(rows: &Rows, mean_variance: f64, at: &Candidate) -> DMatrix<f64> {
     let n = rows.y.len();
     let mut whole = DMatrix::zeros(n, n);
     for range in groups(&rows.group) {
-        let c = block(rows, range.clone(), mean_variance, share, length, kernel);
+        let c = block(rows, range.clone(), mean_variance, at.share, at.length, at.kernel);
         whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
     }
     whole
 }
 
-/// Generalised least squares at one grid point, with its restricted log likelihood (scale profiled out).
-fn candidate(
+/// Generalised least squares at one grid point of the wander and all of the displacement, with their restricted log
+/// likelihoods (scale profiled out). Points that cannot be solved are left out.
+fn at_grid_point(
     rows: &Rows,
     mean_variance: f64,
     share: f64,
     length: f64,
     kernel: Kernel,
-) -> Option<Candidate> {
-    let (n, p) = rows.design.shape();
-    let mut x = rows.design.clone();
-    let mut y = rows.y.clone();
-    let mut log_det = 0.0;
-    for range in groups(&rows.group) {
-        let (at, len) = (range.start, range.len());
-        let c = block(rows, range, mean_variance, share, length, kernel);
-        let l = c.cholesky()?.unpack();
-        log_det += 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let mut xb = x.rows_mut(at, len);
-        if !l.solve_lower_triangular_mut(&mut xb) {
-            return None;
-        }
-        let mut yb = y.rows_mut(at, len);
-        if !l.solve_lower_triangular_mut(&mut yb) {
-            return None;
-        }
-    }
-    let normal = x.tr_mul(&x);
-    let cholesky = normal.clone().cholesky()?;
-    let beta = cholesky.solve(&x.tr_mul(&y));
-    let dof = (n - p) as f64;
-    let scale = (&y - &x * &beta).norm_squared() / dof;
-    let normal_det = 2.0 * cholesky.l().diagonal().iter().map(|d| d.ln()).sum::<f64>();
-    let log_likelihood = -0.5 * (dof * scale.max(1e-300).ln() + log_det + normal_det);
-    log_likelihood.is_finite().then(|| Candidate {
-        beta,
-        covariance: cholesky.inverse() * scale,
-        log_likelihood,
-        share,
-        length,
-        kernel,
-        scale,
-    })
+    probability: f64,
+) -> Vec<Candidate> {
+    let Some(whitened) = Whitened::new(rows, mean_variance, share, length, kernel) else {
+        return Vec::new();
+    };
+    let still = (0.0, probability * if rows.displacement.is_some() { 0.5 } else { 1.0 });
+    let moved =
+        |ratio: f64| (ratio * mean_variance, probability * 0.5 / displaced::VARIANCES.len() as f64);
+    let tried = rows.displacement.iter().flat_map(|_| displaced::VARIANCES.map(moved));
+    let solve = |(displacement, probability): (f64, f64)| {
+        let Solved { beta, covariance, scale, log_likelihood } = whitened.solve(displacement)?;
+        let log_likelihood = log_likelihood + probability.ln();
+        Some(Candidate {
+            beta,
+            covariance,
+            log_likelihood,
+            share,
+            length,
+            kernel,
+            scale,
+            displacement,
+        })
+    };
+    std::iter::once(still).chain(tried).filter_map(solve).collect()
 }
 
 #[cfg(test)]
@@ -350,6 +364,7 @@ mod tests {
             variance: vec![1.0; angles.len()],
             place: angles.iter().map(|t| Vector2::new(t.cos(), t.sin()) * radius).collect(),
             group: vec![0; angles.len()],
+            displacement: None,
         }
     }
 

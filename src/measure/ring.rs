@@ -358,5 +358,6 @@ pub(super) fn group_rows(
         y: DVector::from_vec(y),
         variance,
         place,
+        displacement: None,
     }
 }

@@ -4,9 +4,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::TAU;
 use std::path::Path;
 
-use nalgebra::Vector2;
+use nalgebra::{DMatrix, Vector2};
 
 use crate::camera::{Calibration, View};
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::{
     angle_warning, check_direction, extend_time, known_effects, need, sites,
 };
@@ -345,10 +346,9 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
         random.extend([vec![vec![1.0; points]], wave(2.0), wave(3.0)]);
     } else {
-        // On a short arc radius and lobes cannot be told from a shift of the capture: there its slope and its bend.
-        let along = arc_positions(&angles, &data.capture, data.place.len());
-        let bend = along.iter().map(|s| s * s - 1.0 / 3.0).collect();
-        random.extend([vec![along], vec![bend]]);
+        // On a short arc radius, lobes and slope cannot be told from a shift of the capture: there what it bends beyond one.
+        let shift = wave(1.0);
+        random.extend(bends(&angles, &shift, &data.capture, data.place.len()).map(|b| vec![b]));
     }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
     for column in [c_deg, &data.dir_x, &data.dir_y] {
@@ -368,22 +368,30 @@ fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     }
 }
 
-/// Where each point lies along its capture's arc, 0 in the middle and about ±1 at the ends of most.
-fn arc_positions(angles: &[f64], capture: &[usize], captures: usize) -> Vec<f64> {
-    let mut middle = vec![Vector2::zeros(); captures];
-    for (a, &g) in angles.iter().zip(capture) {
-        middle[g] += Vector2::new(a.cos(), a.sin());
+/// An even and an odd bend of each capture's arc, as no shift of the capture makes them; root mean square 1.
+fn bends(angles: &[f64], shift: &[Vec<f64>], capture: &[usize], captures: usize) -> [Vec<f64>; 2] {
+    let mut rows = vec![Vec::new(); captures];
+    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
+    let mut bends = [(); 2].map(|()| vec![0.0; angles.len()]);
+    for rows in rows {
+        let middle: Vector2<f64> =
+            rows.iter().map(|&i| Vector2::new(angles[i].cos(), angles[i].sin())).sum();
+        let along = |i: usize| {
+            let own = Vector2::new(angles[i].cos(), angles[i].sin());
+            middle.perp(&own).atan2(middle.dot(&own))
+        };
+        let columns = DMatrix::from_fn(rows.len(), 4, |r, c| match c {
+            0 | 1 => shift[c][rows[r]],
+            2 => along(rows[r]).powi(2),
+            _ => along(rows[r]),
+        });
+        let basis = orthonormal(&columns, 1e-6);
+        for (bend, column) in bends.iter_mut().zip(basis.column_iter().skip(2)) {
+            let scale = (rows.len() as f64).sqrt();
+            rows.iter().zip(column.iter()).for_each(|(&i, v)| bend[i] = scale * v);
+        }
     }
-    let from_middle = |(a, g): (&f64, &usize)| {
-        let (own, middle) = (Vector2::new(a.cos(), a.sin()), &middle[*g]);
-        middle.perp(&own).atan2(middle.dot(&own))
-    };
-    let mut along: Vec<f64> = angles.iter().zip(capture).map(from_middle).collect();
-    // Even spreading has a root mean square of 1/√3.
-    let square = along.iter().map(|a| a * a).sum::<f64>() / along.len().max(1) as f64;
-    let half = (3.0 * square).sqrt().max(1e-9);
-    along.iter_mut().for_each(|a| *a /= half);
-    along
+    bends
 }
 
 impl Experiment for RodExperiment {

@@ -30,87 +30,180 @@ impl Arc {
 pub(super) struct Joint {
     pub centers: Vec<Vector2<f64>>,
     pub radius: f64,
+    /// By how much each capture lies elsewhere than the machine says.
+    pub shifts: Vec<Vector2<f64>>,
     /// Weight of each point of each arc, 0 for rejected ones.
     pub weights: Vec<Vec<f64>>,
 }
 
-/// Robust joint fit by iterated reweighting: all arcs share the radius, arcs of one angle share the centre.
+impl Joint {
+    /// Where a capture's arc is expected in the camera's plane at that machine position.
+    pub fn circle(&self, angle: usize, capture: usize, position_mm: Vector2<f64>) -> Circle {
+        Circle {
+            center: self.centers[angle] + self.shifts[capture] - position_mm,
+            radius: self.radius,
+        }
+    }
+
+    /// Distance of an arc's point outside the circle that its capture shows.
+    fn distance(&self, arc: &Arc, i: usize) -> f64 {
+        self.circle(arc.angle, arc.capture, arc.position_mm).distance(arc.points.place_mm[i])
+    }
+}
+
+/// Robust joint fit by iterated reweighting: all arcs share the radius, arcs of one angle share the centre, and the
+/// captures are displaced by about as much as the middles of their arcs miss the common circle.
 pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint> {
-    let mut centers = start.centers.clone();
-    let angles = centers.len();
-    let mut radius = start.radius;
-    let mut weights: Vec<Vec<f64>> = arcs.iter().map(|a| own_weights(&a.points)).collect();
-    let own = weights.clone();
-    let mut first = true;
-    for _ in 0..rounds {
-        let mut normal = DMatrix::<f64>::zeros(2 * angles + 1, 2 * angles + 1);
-        let mut right = DVector::<f64>::zeros(2 * angles + 1);
+    let own: Vec<Vec<f64>> = arcs.iter().map(|a| own_weights(&a.points)).collect();
+    let mut joint = Joint { weights: own.clone(), ..start.clone() };
+    let usable: Vec<Vec<usize>> = own
+        .iter()
+        .map(|o| o.iter().enumerate().filter(|w| *w.1 > 0.0).map(|w| w.0).collect())
+        .collect();
+    for round in 0..rounds {
         let mut sizes = Vec::new();
         for (k, arc) in arcs.iter().enumerate() {
-            for (i, own) in own[k].iter().enumerate() {
-                if *own > 0.0 {
-                    sizes.push((distance(arc, i, &centers, radius)).abs());
-                }
-            }
+            sizes.extend(usable[k].iter().map(|i| joint.distance(arc, *i).abs()));
         }
         if sizes.len() < 10 {
             return None;
         }
-        let middle = sizes.len() / 2;
-        let scale = 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
-        let scale = scale.max(1e-7);
+        let scale = (1.4826 * median(&mut sizes)).max(1e-7);
+        let cut = if round == 0 { 3.0 * scale } else { scale };
         for (k, arc) in arcs.iter().enumerate() {
-            for i in 0..arc.points.place_mm.len() {
-                let d = distance(arc, i, &centers, radius);
-                let cut = if first { 3.0 * scale } else { scale };
-                let w = own[k][i] * crate::fit::circle::tukey(d / cut);
-                weights[k][i] = w;
-                if w > 0.0 {
-                    let n = (arc.machine(i) - centers[arc.angle]).normalize();
-                    let at = 2 * arc.angle;
-                    let row = [(at, n.x), (at + 1, n.y), (2 * angles, 1.0)];
-                    for (r, a) in row {
-                        right[r] += w * a * d;
-                        for (c, b) in row {
-                            normal[(r, c)] += w * a * b;
-                        }
+            for i in 0..own[k].len() {
+                let size = joint.distance(arc, i) / cut;
+                joint.weights[k][i] = own[k][i] * crate::fit::circle::tukey(size);
+            }
+        }
+        let missed = missed(arcs, &joint, &usable);
+        let displacement =
+            1.4826 * median(&mut missed.iter().flatten().copied().collect::<Vec<_>>());
+        let gross = |m: &Option<f64>| {
+            m.is_some_and(|m| m > (GROSS * displacement.max(scale)).max(GROSS_MM))
+        };
+        // Many that are far off are no slips but how this machine is.
+        let slips = missed.iter().filter(|m| gross(m)).count() <= arcs.len().div_ceil(10);
+        for (weights, missed) in joint.weights.iter_mut().zip(&missed) {
+            let agreeing = weights.iter().filter(|w| **w > 0.0).count() as f64;
+            if slips && gross(missed) || agreeing < LEAST_AGREEING * weights.len() as f64 {
+                weights.fill(0.0);
+            }
+        }
+        // Wander alone moves the middle of an arc by half the scatter of its points.
+        let ease = ((displacement / scale).powi(2) - 0.25).max(0.0);
+        if step(arcs, &mut joint, ease, scale)? < 1e-9 {
+            break;
+        }
+    }
+    Some(joint)
+}
+
+/// How far the middle of each arc misses the common circle where the machine puts it.
+fn missed(arcs: &[Arc], joint: &Joint, usable: &[Vec<usize>]) -> Vec<Option<f64>> {
+    let still = Joint { shifts: vec![Vector2::zeros(); joint.shifts.len()], ..joint.clone() };
+    let middle = |(arc, usable): (&Arc, &Vec<usize>)| {
+        let mut off: Vec<f64> = usable.iter().map(|i| still.distance(arc, *i)).collect();
+        (!off.is_empty()).then(|| median(&mut off).abs())
+    };
+    arcs.iter().zip(usable).map(middle).collect()
+}
+
+/// An arc that misses the circle by this many times what the others do is no such arc, or its position is wrong.
+const GROSS: f64 = 8.0;
+/// No machine that cuts is out of place by this much by chance.
+const GROSS_MM: f64 = 0.02;
+/// Where less than this share of an arc's points agrees with a circle, they do so by chance.
+const LEAST_AGREEING: f64 = 0.08;
+
+/// One step of the weighted least squares over centres, radius and displacements; returns how far it went.
+/// `scale` is a point's standard deviation, `ease` a displacement's variance in those of a point.
+fn step(arcs: &[Arc], joint: &mut Joint, ease: f64, scale: f64) -> Option<f64> {
+    let angles = joint.centers.len();
+    let first_shift = 2 * angles + 1;
+    let n = first_shift + 2 * joint.shifts.len();
+    let mut normal = DMatrix::<f64>::zeros(n, n);
+    let mut right = DVector::<f64>::zeros(n);
+    // An arc's points are not independent: together they count as its groups.
+    let total: f64 = joint.weights.iter().flatten().sum();
+    let share = (GROUPS_PER_ARC * arcs.len()) as f64 / total.max(f64::MIN_POSITIVE);
+    for (k, arc) in arcs.iter().enumerate() {
+        let circle = joint.circle(arc.angle, arc.capture, arc.position_mm);
+        for (place, weight) in arc.points.place_mm.iter().zip(&joint.weights[k]) {
+            if *weight > 0.0 {
+                let d = circle.distance(*place);
+                let out = (place - circle.center).normalize();
+                let (at, own) = (2 * arc.angle, first_shift + 2 * arc.capture);
+                let row = [
+                    (at, out.x),
+                    (at + 1, out.y),
+                    (2 * angles, 1.0),
+                    (own, out.x),
+                    (own + 1, out.y),
+                ];
+                for (r, a) in row {
+                    right[r] += share * weight * a * d;
+                    for (c, b) in row {
+                        normal[(r, c)] += share * weight * a * b;
                     }
                 }
             }
         }
-        first = false;
-        let scale_of = normal.trace();
-        for i in 0..normal.nrows() {
-            normal[(i, i)] += 1e-12 * scale_of;
-        }
-        let step = normal.cholesky()?.solve(&right);
-        for (a, c) in centers.iter_mut().enumerate() {
-            *c += Vector2::new(step[2 * a], step[2 * a + 1]);
-        }
-        radius += step[2 * angles];
-        if !(radius.is_finite() && radius > 0.0) {
-            return None;
-        }
-        if step.norm() < 1e-9 {
-            break;
+    }
+    for (i, shift) in joint.shifts.iter().enumerate() {
+        // Student's t (4 degrees of freedom): one position that is grossly wrong must not pull the others.
+        let stiff = 6.0 / (4.0 * ease.max(1e-9) + shift.norm_squared() / (scale * scale));
+        for k in 0..2 {
+            normal[(first_shift + 2 * i + k, first_shift + 2 * i + k)] += stiff;
+            right[first_shift + 2 * i + k] -= stiff * shift[k];
         }
     }
-    Some(Joint { centers, radius, weights })
+    let tiny = 1e-12 * normal.view((0, 0), (first_shift, first_shift)).trace();
+    for i in 0..n {
+        normal[(i, i)] += tiny;
+    }
+    let step = normal.cholesky()?.solve(&right);
+    let pair = |at: usize| Vector2::new(step[at], step[at + 1]);
+    joint.centers.iter_mut().enumerate().for_each(|(i, c)| *c += pair(2 * i));
+    joint.shifts.iter_mut().enumerate().for_each(|(i, s)| *s += pair(first_shift + 2 * i));
+    joint.radius += step[2 * angles];
+    (joint.radius.is_finite() && joint.radius > 0.0).then(|| step.norm())
 }
 
-fn distance(arc: &Arc, i: usize, centers: &[Vector2<f64>], radius: f64) -> f64 {
-    (arc.machine(i) - centers[arc.angle]).norm() - radius
+fn median(list: &mut [f64]) -> f64 {
+    let middle = list.len() / 2;
+    *list.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
 fn own_weights(points: &Points) -> Vec<f64> {
     crate::measure::ring::robust_weights(points)
 }
 
+/// The joint fit with what it says of the captures.
+pub(super) struct Refined {
+    /// Coefficients: centre x, y of every angle, then the radius, as corrections of the robust solution.
+    pub fit: Fit,
+    /// The arc of each row of the fit; rows of one arc stand together.
+    pub groups: Vec<usize>,
+    /// Root mean square of what the common circle leaves over where the machine puts the captures.
+    pub misses_mm: f64,
+    /// The same with every capture where it seems to be.
+    pub form_mm: f64,
+}
+
+impl Refined {
+    /// Standard deviation (each axis) of the captures' places, 0 where they are likely to be as the machine says.
+    pub fn position_scatter_mm(&self) -> f64 {
+        if self.fit.displaced > 0.5 { self.fit.displacement_sd } else { 0.0 }
+    }
+}
+
 /// Generalised least squares about the robust solution. Coefficients: centre x, y of every angle, then the radius.
-pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit, Vec<usize>)> {
+pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refined> {
     let mut design = Vec::new();
     let (mut y, mut variance, mut place, mut group) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+    let mut displacement = Vec::new();
     for (k, arc) in arcs.iter().enumerate() {
         let about =
             Circle { center: joint.centers[arc.angle] - arc.position_mm, radius: joint.radius };
@@ -126,6 +219,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit,
             variance.push(rows.variance[i]);
             place.push(rows.place[i]);
             group.push(k);
+            displacement.push(Vector2::new(rows.design[(i, 0)], rows.design[(i, 1)]));
         }
     }
     let rows = Rows {
@@ -134,6 +228,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit,
         variance,
         place,
         group: group.clone(),
+        displacement: Some(displacement),
     };
     let mut fit = correlated::fit(&rows, None)?;
     for rows in correlated::groups(&group) {
@@ -141,7 +236,13 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<(Fit,
         let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
         fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
     }
-    Some((fit, group))
+    let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
+    Some(Refined {
+        misses_mm: rms(&fit.residuals),
+        form_mm: rms(&(&fit.residuals - &fit.moved)),
+        fit,
+        groups: group,
+    })
 }
 
 /// An arc as a whole is out of place by this much (standard deviation): how pixels integrate light and where the

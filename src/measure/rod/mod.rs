@@ -1,5 +1,6 @@
 //! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
 
+mod agreement;
 mod budget;
 mod captures;
 mod joint;
@@ -22,9 +23,6 @@ use crate::measure::ring::{self, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
 use outer::Found;
-
-/// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
-const DISAGREEMENT_MM: f64 = 0.01;
 
 /// One edge point, for `diagnose rod` and for overlays.
 #[derive(Debug, Clone, Copy)]
@@ -146,8 +144,12 @@ fn follow(
     angle_of: &[usize],
 ) -> Result<(Vec<Arc>, Joint)> {
     use rayon::prelude::*;
-    let mut guess =
-        Joint { centers: rim.centers.clone(), radius: rim.radius_mm, weights: Vec::new() };
+    let mut guess = Joint {
+        centers: rim.centers.clone(),
+        radius: rim.radius_mm,
+        shifts: vec![Vector2::zeros(); captures.len()],
+        weights: Vec::new(),
+    };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
     for reach_px in [12.0, 4.0, 1.0] {
@@ -156,10 +158,7 @@ fn follow(
             .enumerate()
             .filter_map(|(i, (frame, view))| {
                 let position_mm = captures[i].position_mm;
-                let rough = Circle {
-                    center: guess.centers[angle_of[i]] - position_mm,
-                    radius: guess.radius,
-                };
+                let rough = guess.circle(angle_of[i], i, position_mm);
                 let per_mm = 1.0 / view.pixel_mm();
                 let inside_limit_px = rim.inner_mm.map_or(60.0, |inner_mm| {
                     (0.6 * (rim.radius_mm - inner_mm) * per_mm).clamp(4.0, 60.0)
@@ -223,13 +222,14 @@ fn finish(
     robust: &Joint,
 ) -> Result<Measured> {
     let angles = c_deg.len();
-    let (fit, groups) = joint::refine(arcs, angles, robust).ok_or_else(|| {
+    let refined = joint::refine(arcs, angles, robust).ok_or_else(|| {
         Error::measure(
             "captures",
             "the arcs do not determine a circle",
             "take captures all round the rim",
         )
     })?;
+    let fit = &refined.fit;
     let mut warnings = Vec::new();
     let mut beta = fit.beta.clone();
     let mut covariance = fit.covariance.clone();
@@ -287,21 +287,13 @@ fn finish(
     };
     let radius = robust.radius + beta[last] + blur_mm;
     let (points, captures_report) =
-        residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
-    arc_warnings(arcs, robust, options, &mut warnings);
-    let form = fit.residuals.norm_squared() / groups.len() as f64;
-    if form.sqrt() > 5.0 * DISAGREEMENT_MM
-        || form.sqrt() > DISAGREEMENT_MM && form.sqrt() > 4.0 * local_scatter(&points)
-    {
-        return Err(Error::measure(
-            "captures",
-            format!("their edges do not lie on one circle: they miss it by {:.3} mm", form.sqrt()),
-            "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
-        ));
-    }
+        agreement::residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
+    agreement::check(&refined, &points, &captures_report)?;
+    agreement::arcs_seen(arcs, robust, options, &mut warnings);
+    agreement::places_and_form(&refined, &captures_report, options, &mut warnings);
     let sources = budget::Sources {
-        fit: &fit,
-        groups: &groups,
+        fit,
+        groups: &refined.groups,
         images: arcs.iter().map(|a| captures[a.capture].image.as_str()).collect(),
         gain: axis
             .as_ref()
@@ -311,13 +303,6 @@ fn finish(
     let budget = sources.budget(axis_u95, 2.0 * u(last));
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
-    let form_mm = form.sqrt();
-    if form_mm > RAGGED_MM && options.diameter_mm.is_none() {
-        warnings.push(format!(
-            "the edges wander by {form_mm:.4} mm rms about the circle, more than a turned rim does: look at the \
-             overlays whether the chamfer's edge was taken for the rim, or give --diameter-mm"
-        ));
-    }
     Ok(Measured {
         report: Report {
             rod_centers,
@@ -336,7 +321,8 @@ fn finish(
             axis_separated: axis.is_some(),
             diameter_mm: 2.0 * radius,
             diameter_u95_mm: 2.0 * u(last),
-            form_rms_mm: form_mm,
+            form_rms_mm: refined.form_mm,
+            position_scatter_mm: refined.position_scatter_mm(),
             captures: captures_report,
             budget,
             warnings,
@@ -345,9 +331,6 @@ fn finish(
         circles,
     })
 }
-
-/// A turned rim wanders by less than this; edges of two circles taken together wander by more.
-const RAGGED_MM: f64 = 0.006;
 
 /// The axis and the coverage factor of its covariance.
 fn find_axis(
@@ -386,88 +369,4 @@ fn blurred_radius(arcs: &[Arc]) -> f64 {
         })
         .sum();
     sum / arcs.len().max(1) as f64
-}
-
-fn residuals(
-    captures: &[Capture],
-    arcs: &[Arc],
-    robust: &Joint,
-    centers: &[Vector2<f64>],
-    radius: f64,
-) -> (Vec<EdgePoint>, Vec<CaptureReport>) {
-    let mut points = Vec::new();
-    let mut reports = Vec::new();
-    for capture in captures {
-        reports.push(CaptureReport {
-            image: capture.image.clone(),
-            x_mm: capture.position_mm.x,
-            y_mm: capture.position_mm.y,
-            c_deg: capture.c_deg,
-            edge_points: 0,
-            arc_used: 0.0,
-            residual_mean_mm: 0.0,
-            residual_rms_mm: 0.0,
-        });
-    }
-    for (k, arc) in arcs.iter().enumerate() {
-        let (mut n, mut sum, mut squares) = (0usize, 0.0, 0.0);
-        for i in 0..arc.points.place_mm.len() {
-            let residual_mm = (arc.machine(i) - centers[arc.angle]).norm() - radius;
-            let used = robust.weights[k][i] > 0.0;
-            if used {
-                n += 1;
-                sum += residual_mm;
-                squares += residual_mm * residual_mm;
-            }
-            points.push(EdgePoint {
-                capture: arc.capture,
-                pixel: arc.points.place_px[i],
-                residual_mm,
-                used,
-            });
-        }
-        let count = n.max(1) as f64;
-        let report: &mut CaptureReport = &mut reports[arc.capture];
-        report.edge_points = n;
-        report.arc_used = n as f64 / arc.points.place_mm.len().max(1) as f64;
-        report.residual_mean_mm = sum / count;
-        report.residual_rms_mm = (squares / count).sqrt();
-    }
-    (points, reports)
-}
-
-/// Scatter of neighbouring edge points about each other: the edge's own, whatever circle it is held against.
-fn local_scatter(points: &[EdgePoint]) -> f64 {
-    let mut steps: Vec<f64> = points
-        .windows(2)
-        .filter(|w| w[0].used && w[1].used && w[0].capture == w[1].capture)
-        .map(|w| (w[1].residual_mm - w[0].residual_mm).abs())
-        .collect();
-    if steps.is_empty() {
-        return 0.0;
-    }
-    let middle = steps.len() / 2;
-    1.4826 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1 / 2.0f64.sqrt()
-}
-
-/// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.
-fn arc_warnings(arcs: &[Arc], robust: &Joint, options: &Options, warnings: &mut Vec<String>) {
-    let mut seen = [false; 72];
-    for (k, arc) in arcs.iter().enumerate() {
-        for i in 0..arc.points.place_mm.len() {
-            if robust.weights[k][i] > 0.0 {
-                let q = arc.machine(i) - robust.centers[arc.angle];
-                let turn = (q.y.atan2(q.x) / std::f64::consts::TAU + 1.0).fract();
-                seen[((turn * 72.0) as usize).min(71)] = true;
-            }
-        }
-    }
-    let twice: Vec<bool> = seen.iter().chain(&seen).copied().collect();
-    let gap = twice.split(|s| *s).map(<[bool]>::len).max().unwrap_or(0).min(72) as f64 * 5.0;
-    if gap > 240.0 && options.diameter_mm.is_none() {
-        warnings.push(format!(
-            "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",
-            360.0 - gap
-        ));
-    }
 }

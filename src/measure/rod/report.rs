@@ -52,7 +52,7 @@ pub struct CaptureReport {
     pub edge_points: usize,
     /// Share of the visible arc with a usable edge, 0..1.
     pub arc_used: f64,
-    /// Mean radial residual.
+    /// Mean radial residual; of a capture that is left out, of all its edge points.
     pub residual_mean_mm: f64,
     /// Root mean square of the radial residuals.
     pub residual_rms_mm: f64,
@@ -79,6 +79,8 @@ pub struct Report {
     pub diameter_u95_mm: f64,
     /// Root mean square of the form deviation.
     pub form_rms_mm: f64,
+    /// Standard deviation (each axis) of the captures' places against the machine's positions; 0 where they agree.
+    pub position_scatter_mm: f64,
     /// Every capture.
     pub captures: Vec<CaptureReport>,
     /// What contributes how much to the uncertainty of the axis (rms of X and Y) and of the diameter.

@@ -1,0 +1,162 @@
+//! How well the captures agree on one circle: edge points, places and form.
+
+use nalgebra::Vector2;
+
+use super::joint::{Arc, Joint, Refined};
+use super::{Capture, CaptureReport, EdgePoint, Options};
+use crate::error::{Error, Result};
+
+/// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
+const DISAGREEMENT_MM: f64 = 0.01;
+/// A turned rim wanders by less than this; edges of two circles taken together wander by more.
+const RAGGED_MM: f64 = 0.006;
+/// Machine positions that scatter by more than this are worth a word, where captures that are in place are this improbable.
+const SCATTER_MM: f64 = 0.001;
+const IN_PLACE: f64 = 0.01;
+
+/// Refuses captures whose edges lie on no common circle.
+pub(super) fn check(
+    refined: &Refined,
+    points: &[EdgePoint],
+    captures: &[CaptureReport],
+) -> Result<()> {
+    let misses = refined.misses_mm;
+    let apart = misses > 5.0 * DISAGREEMENT_MM
+        || misses > DISAGREEMENT_MM && misses > 4.0 * local_scatter(points);
+    if !apart {
+        return Ok(());
+    }
+    let size = |c: &&CaptureReport| c.residual_mean_mm.abs();
+    let worst = captures.iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+    let worst = worst.map_or_else(String::new, |c| {
+        format!(", {} most, by {:.3} mm in the mean", c.image, c.residual_mean_mm.abs())
+    });
+    Err(Error::measure(
+        "captures",
+        format!("their edges do not lie on one circle: they miss it by {misses:.3} mm{worst}"),
+        "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
+    ))
+}
+
+/// Says so where captures lie elsewhere than the machine says, or the rim is ragged.
+pub(super) fn places_and_form(
+    refined: &Refined,
+    captures: &[CaptureReport],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) {
+    for c in captures.iter().filter(|c| c.edge_points == 0 && c.residual_rms_mm > 0.0) {
+        warnings.push(format!(
+            "{}: left out: where the other captures put its rim there is none (edges lie {:.4} mm off): check its \
+             x_mm, y_mm and c_deg",
+            c.image,
+            c.residual_mean_mm.abs()
+        ));
+    }
+    let scatter_mm = refined.position_scatter_mm();
+    if 1.0 - refined.fit.displaced < IN_PLACE && scatter_mm > SCATTER_MM {
+        warnings.push(format!(
+            "the captures disagree as if the machine's positions scattered by {scatter_mm:.4} mm (standard deviation): \
+             backlash, drift, an angle or the lens may be the cause (`diagnose rod` tells which); the uncertainties \
+             take it for chance"
+        ));
+    }
+    let form_mm = refined.form_mm;
+    if form_mm > RAGGED_MM && options.diameter_mm.is_none() {
+        warnings.push(format!(
+            "the edges wander by {form_mm:.4} mm rms about the circle, more than a turned rim does: look at the \
+             overlays whether the chamfer's edge was taken for the rim, or give --diameter-mm"
+        ));
+    }
+}
+
+/// Every edge point against its common circle, and what that makes of the captures.
+pub(super) fn residuals(
+    captures: &[Capture],
+    arcs: &[Arc],
+    robust: &Joint,
+    centers: &[Vector2<f64>],
+    radius: f64,
+) -> (Vec<EdgePoint>, Vec<CaptureReport>) {
+    let mut points = Vec::new();
+    let mut reports = Vec::new();
+    for capture in captures {
+        reports.push(CaptureReport {
+            image: capture.image.clone(),
+            x_mm: capture.position_mm.x,
+            y_mm: capture.position_mm.y,
+            c_deg: capture.c_deg,
+            edge_points: 0,
+            arc_used: 0.0,
+            residual_mean_mm: 0.0,
+            residual_rms_mm: 0.0,
+        });
+    }
+    for (k, arc) in arcs.iter().enumerate() {
+        let (mut n, mut sum, mut squares) = (0usize, 0.0, 0.0);
+        let left_out = robust.weights[k].iter().all(|w| *w == 0.0);
+        for i in 0..arc.points.place_mm.len() {
+            let residual_mm = (arc.machine(i) - centers[arc.angle]).norm() - radius;
+            let used = robust.weights[k][i] > 0.0;
+            if used || left_out && arc.points.usable[i] {
+                n += 1;
+                sum += residual_mm;
+                squares += residual_mm * residual_mm;
+            }
+            points.push(EdgePoint {
+                capture: arc.capture,
+                pixel: arc.points.place_px[i],
+                residual_mm,
+                used,
+            });
+        }
+        let count = n.max(1) as f64;
+        let report: &mut CaptureReport = &mut reports[arc.capture];
+        report.edge_points = if left_out { 0 } else { n };
+        report.arc_used = report.edge_points as f64 / arc.points.place_mm.len().max(1) as f64;
+        report.residual_mean_mm = sum / count;
+        report.residual_rms_mm = (squares / count).sqrt();
+    }
+    (points, reports)
+}
+
+/// Scatter of neighbouring edge points about each other: the edge's own, whatever circle it is held against.
+fn local_scatter(points: &[EdgePoint]) -> f64 {
+    let mut steps: Vec<f64> = points
+        .windows(2)
+        .filter(|w| w[0].used && w[1].used && w[0].capture == w[1].capture)
+        .map(|w| (w[1].residual_mm - w[0].residual_mm).abs())
+        .collect();
+    if steps.is_empty() {
+        return 0.0;
+    }
+    let middle = steps.len() / 2;
+    1.4826 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1 / 2.0f64.sqrt()
+}
+
+/// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.
+pub(super) fn arcs_seen(
+    arcs: &[Arc],
+    robust: &Joint,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) {
+    let mut seen = [false; 72];
+    for (k, arc) in arcs.iter().enumerate() {
+        for i in 0..arc.points.place_mm.len() {
+            if robust.weights[k][i] > 0.0 {
+                let q = arc.machine(i) - robust.centers[arc.angle];
+                let turn = (q.y.atan2(q.x) / std::f64::consts::TAU + 1.0).fract();
+                seen[((turn * 72.0) as usize).min(71)] = true;
+            }
+        }
+    }
+    let twice: Vec<bool> = seen.iter().chain(&seen).copied().collect();
+    let gap = twice.split(|s| *s).map(<[bool]>::len).max().unwrap_or(0).min(72) as f64 * 5.0;
+    if gap > 240.0 && options.diameter_mm.is_none() {
+        warnings.push(format!(
+            "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",
+            360.0 - gap
+        ));
+    }
+}
