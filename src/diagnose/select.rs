@@ -134,12 +134,15 @@ impl Selection {
         );
         let named = self.strongest_named(fitter);
         let explained = self.explained(fitter);
-        // Exact geometry has no form to be wrong: what remains beside it is something else, whatever its size.
-        let loose = f.model.active.iter().any(|a| !effects[a.effect].varies_with.is_empty());
+        let shapes = f.model.extras.iter().filter(|e| matches!(e.kind, Extra::Generic(_))).count();
+        // Exact geometry has no form to be wrong: what remains beside it is something else, whatever its size. A shape without a
+        // name is only like what it stands for, and leaves some of it.
+        let named_loosely =
+            f.model.active.iter().any(|a| !effects[a.effect].varies_with.is_empty());
+        let loose = named_loosely || shapes > 0;
         let least = if loose { LEAST_CHI2 } else { 0.0 };
         let big = |s: &Score| s.excess() > least && s.excess() > LEAST_SHARE * explained;
         let library = library.filter(|l| big(l));
-        let shapes = f.model.extras.iter().filter(|e| matches!(e.kind, Extra::Generic(_))).count();
         let generic = generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
         let rivals = || library.iter().chain(generic.iter().map(|(_, g)| g));
         let rival = rivals().map(|s| s.evidence).fold(f64::MIN, f64::max);
