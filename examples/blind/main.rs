@@ -1,7 +1,8 @@
 //! Blind test of the diagnosis: a generator written apart from the library hides effects, the diagnosis sees only the data,
 //! and the answers are scored with Wilson intervals once all are given: until then the truths are in a file that has no name.
 //!
-//! `cargo run --profile quick --example blind -- rtcp 200 [seed]`; the seed is drawn at run time unless given.
+//! `cargo run --profile quick --example blind -- rtcp 200 [seed] [sort]`; the seed is drawn at run time unless given. Kinds: `rtcp`,
+//! `rod` (24 edge points a capture), `rod100` (100 of them), `burn`, `thermal`, `ballbar`.
 
 mod plain;
 mod plans;
@@ -56,7 +57,8 @@ fn main() -> std::io::Result<()> {
             let case_rng = ChaCha8Rng::seed_from_u64(rng.random());
             let (mut case, truth) = match kind {
                 "rtcp" => rtcp::case(sort, index, case_rng),
-                "rod" => rod::case(sort, index, case_rng),
+                "rod" => rod::case(sort, index, 24, case_rng),
+                "rod100" => rod::case(sort, index, 100, case_rng),
                 "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, case_rng),
                 other => {
                     eprintln!("no generator for '{other}'");

@@ -13,7 +13,6 @@ use crate::score::Sort;
 use crate::sealed::{Size, Truth};
 
 const CAPTURES: usize = 60;
-const POINTS: usize = 24;
 const RADIUS: f64 = 3.0;
 const FOCAL_PX: f64 = 3520.0;
 const MM_PER_UNIT: f64 = 30.0;
@@ -280,20 +279,20 @@ fn radial(e: &Effect, c: &Capture, phi: f64, size: f64) -> f64 {
 }
 
 /// Standard errors that a unit of an effect is worth, after centre and radius have been fitted.
-fn worth(e: &Effect, captures: &[Capture]) -> f64 {
-    let n = POINTS as f64;
+fn worth(e: &Effect, captures: &[Capture], points: usize) -> f64 {
+    let n = points as f64;
     let mut shifts = Vec::new();
     let mut rest = Vec::new();
     for c in captures {
-        let r: Vec<f64> = (0..POINTS)
+        let r: Vec<f64> = (0..points)
             .map(|k| radial(e, c, k as f64 / n * std::f64::consts::TAU, 1e-6) / 1e-6)
             .collect();
         let phi = |k: usize| k as f64 / n * std::f64::consts::TAU;
         let s: [f64; 2] = [
-            2.0 / n * (0..POINTS).map(|k| r[k] * phi(k).cos()).sum::<f64>(),
-            2.0 / n * (0..POINTS).map(|k| r[k] * phi(k).sin()).sum::<f64>(),
+            2.0 / n * (0..points).map(|k| r[k] * phi(k).cos()).sum::<f64>(),
+            2.0 / n * (0..points).map(|k| r[k] * phi(k).sin()).sum::<f64>(),
         ];
-        rest.extend((0..POINTS).map(|k| r[k] - s[0] * phi(k).cos() - s[1] * phi(k).sin()));
+        rest.extend((0..points).map(|k| r[k] - s[0] * phi(k).cos() - s[1] * phi(k).sin()));
         shifts.push(s);
     }
     let count = captures.len() as f64;
@@ -321,8 +320,8 @@ fn library_size(name: &str, size: f64) -> Option<(&'static str, f64)> {
     }
 }
 
-/// One case.
-pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
+/// One case, with this many edge points in each capture.
+pub fn case(sort: &Sort, index: usize, points: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let rng = &mut own;
     let captures = plan(sort, rng);
     let mut truth = Truth::default();
@@ -350,7 +349,7 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
         .iter()
         .map(|e| {
             let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
-            z / worth(e, &captures).max(1e-9)
+            z / worth(e, &captures, points).max(1e-9)
         })
         .collect();
     truth.sizes = Size::list(&truth.names, &sizes, library_size);
@@ -359,9 +358,9 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
         let mut csv = String::new();
         let rng = &mut own;
         let jitter = [JITTER_MM * gauss(rng), JITTER_MM * gauss(rng)];
-        for p in 0..POINTS {
+        for p in 0..points {
             let phi =
-                (p as f64 + rng.random_range(-0.3..0.3)) / POINTS as f64 * std::f64::consts::TAU;
+                (p as f64 + rng.random_range(-0.3..0.3)) / points as f64 * std::f64::consts::TAU;
             let n = [phi.cos(), phi.sin()];
             let rough = [CENTRE[0] + RADIUS * n[0] - c.x, CENTRE[1] + RADIUS * n[1] - c.y];
             let mut w = Wrong::default();

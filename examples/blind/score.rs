@@ -85,7 +85,7 @@ fn diagnosed(csv: &str, noise_mm: Option<f64>, kind: &str) -> Report {
     let options = Options { noise_mm };
     let experiment = match kind {
         "rtcp" => crate::rtcp::read(csv),
-        "rod" => crate::rod::read(csv),
+        "rod" | "rod100" => crate::rod::read(csv),
         _ => crate::plain::read(kind, csv),
     };
     diagnose(experiment.as_ref(), &options).expect("the diagnosis runs").report
