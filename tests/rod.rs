@@ -1,0 +1,86 @@
+//! `rod` on a machine whose positions are not exact: the interval knows it, and a slip of the pen is named.
+
+use nalgebra::Vector2;
+use pivotsight::camera::Calibration;
+use pivotsight::frame::Picture;
+use pivotsight::measure::rod::{self, Capture, Options, Report};
+use rand::SeedableRng;
+use rand_distr::{Distribution, Normal};
+
+/// The captures of a rendered rod with everything that stays the same when their positions change.
+struct Rod {
+    captures: Vec<Capture>,
+    frames: Vec<(pivotsight::frame::Frame, pivotsight::camera::View)>,
+    center_mm: Vector2<f64>,
+}
+
+fn rendered() -> Rod {
+    let folder = format!("{}/images/rod-typical", env!("CARGO_MANIFEST_DIR"));
+    let calibration = Calibration::read(format!("{folder}/calib.toml")).unwrap();
+    let captures = rod::read_captures(format!("{folder}/rod-0001.csv")).unwrap();
+    let frames = captures
+        .iter()
+        .map(|c| {
+            let picture = Picture::read(&c.path).unwrap();
+            let (w, h) = picture.size();
+            let view = calibration.view_of(&c.image, w, h).unwrap();
+            (picture.into_frame(Options::default().channel), view)
+        })
+        .collect();
+    let truth = std::fs::read_to_string(format!("{folder}/rod-0001.truth.json")).unwrap();
+    let truth: serde_json::Value = serde_json::from_str(&truth).unwrap();
+    let at = |k: usize| truth["rod_centers"][0]["center_mm"][k].as_f64().unwrap();
+    Rod { captures, frames, center_mm: Vector2::new(at(0), at(1)) }
+}
+
+impl Rod {
+    /// The report where each capture lies elsewhere than its table says.
+    fn displaced(&self, by: impl FnMut(usize) -> Vector2<f64>) -> Report {
+        let mut captures = self.captures.clone();
+        let shifts = (0..captures.len()).map(by).collect::<Vec<_>>();
+        captures.iter_mut().zip(shifts).for_each(|(c, shift)| c.position_mm += shift);
+        rod::measure_frames(&captures, &self.frames, &Options::default()).unwrap().report
+    }
+}
+
+#[test]
+fn inexact_positions_of_the_machine_are_in_the_interval() {
+    let rod = rendered();
+    let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    let normal = Normal::new(0.0, 0.005).unwrap();
+    let (mut inside, mut widest, mut scatter) = (0, 0.0_f64, 0.0);
+    let runs = 15;
+    for _ in 0..runs {
+        let report =
+            rod.displaced(|_| Vector2::from_fn(|_, _| normal.sample(&mut rng)));
+        for k in 0..2 {
+            let error = report.rod_centers[0].center_mm[k] - rod.center_mm[k];
+            let u95 = report.rod_centers[0].center_u95_mm[k];
+            inside += usize::from(error.abs() <= u95);
+            widest = widest.max(u95);
+        }
+        scatter += report.position_scatter_mm / f64::from(runs);
+        assert!(report.captures.iter().all(|c| c.arc_used > 0.8), "{:?}", report.captures);
+    }
+    assert!(inside >= 26, "{inside} of {} values inside their interval", 2 * runs);
+    assert!(widest < 0.02, "{widest} mm");
+    assert!((0.003..0.008).contains(&scatter), "5 µm of scatter, found {scatter} mm");
+}
+
+#[test]
+fn exact_positions_show_no_scatter_and_one_slip_is_named_and_left_out() {
+    let rod = rendered();
+    let exact = rod.displaced(|_| Vector2::zeros());
+    assert_eq!(exact.position_scatter_mm, 0.0, "{exact:#?}");
+    for slip_mm in [0.05, 0.5, 2.0] {
+        let report = rod.displaced(|i| Vector2::new(if i == 1 { slip_mm } else { 0.0 }, 0.0));
+        let named = report.warnings.iter().any(|w| w.contains("rod-0001-02.png: left out"));
+        assert!(named, "{slip_mm}: {:?}", report.warnings);
+        assert_eq!(report.captures[1].edge_points, 0);
+        for k in 0..2 {
+            let error = (report.rod_centers[0].center_mm[k] - rod.center_mm[k]).abs();
+            let u95 = report.rod_centers[0].center_u95_mm[k];
+            assert!(error < 1.5 * u95 && u95 < 0.002, "{slip_mm}: {error} ± {u95}");
+        }
+    }
+}
