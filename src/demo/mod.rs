@@ -243,6 +243,7 @@ mod tests {
             diameter_mm: machine.rod_diameter_mm,
             diameter_u95_mm: 0.0,
             form_rms_mm: 0.0,
+            position_scatter_mm: 0.0,
             captures: Vec::new(),
             budget: Vec::new(),
             warnings: Vec::new(),
