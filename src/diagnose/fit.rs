@@ -70,6 +70,9 @@ pub struct Fitted {
     pub rank: usize,
 }
 
+/// A step that lowers χ² by less moves no parameter by more than a thousandth of its standard error.
+const LEAST_DROP: f64 = 1e-6;
+
 /// Fits models to one experiment.
 pub struct Fitter<'a> {
     /// The experiment.
@@ -267,7 +270,7 @@ impl Fitter<'_> {
             return model;
         }
         let options =
-            least_squares::Options { max_steps, relative_step: 1e-7, ..Default::default() };
+            least_squares::Options { max_steps, least_drop: LEAST_DROP, ..Default::default() };
         let solution = least_squares::solve(start, options, |p| {
             let trial = self.with_free(&model, p.as_slice());
             let (residual, tangent) = self.linearise(&trial);

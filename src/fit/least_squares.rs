@@ -13,13 +13,15 @@ pub struct Options {
     pub max_steps: usize,
     /// A step smaller than this part of each parameter's scale ends the search.
     pub relative_step: f64,
+    /// A step expected to lower the sum of squares by less than this is not taken: it ends the search.
+    pub least_drop: f64,
     /// A singular value (of the column-scaled Jacobian) under this part of the largest counts as zero.
     pub rank_tolerance: f64,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { max_steps: 100, relative_step: 1e-12, rank_tolerance: 1e-10 }
+        Self { max_steps: 100, relative_step: 1e-12, least_drop: 0.0, rank_tolerance: 1e-10 }
     }
 }
 
@@ -79,6 +81,11 @@ pub fn solve(
                 continue;
             };
             let scaled_step = -cholesky.solve(&gradient);
+            // |r|² - |r + J s|²
+            let drop = -scaled_step.dot(&(2.0 * &gradient + &normal * &scaled_step));
+            if drop < options.least_drop {
+                break;
+            }
             let step = scaled_step.component_div(&scale);
             let trial = &parameters + &step;
             let (trial_residuals, trial_jacobian) = model(&trial);
@@ -101,7 +108,7 @@ pub fn solve(
             damping *= 10.0;
         }
         if !accepted {
-            // No step lowers the sum any more: a minimum to working precision.
+            // No step lowers the sum any more, or enough: a minimum.
             converged = true;
         }
         if converged {

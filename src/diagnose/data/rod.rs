@@ -125,6 +125,9 @@ impl Rod {
             let at = edge - e.place + self.camera_shift(&e.camera, w, n) - self.pole;
             found = at.norm();
             let miss = wanted.perp(&at) / found;
+            if miss.abs() < 1e-8 {
+                break;
+            }
             n = Vector2::new(n.x + miss * n.y, n.y - miss * n.x).normalize();
         }
         found
