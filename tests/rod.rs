@@ -51,8 +51,7 @@ fn inexact_positions_of_the_machine_are_in_the_interval() {
     let (mut inside, mut widest, mut scatter) = (0, 0.0_f64, 0.0);
     let runs = 15;
     for _ in 0..runs {
-        let report =
-            rod.displaced(|_| Vector2::from_fn(|_, _| normal.sample(&mut rng)));
+        let report = rod.displaced(|_| Vector2::from_fn(|_, _| normal.sample(&mut rng)));
         for k in 0..2 {
             let error = report.rod_centers[0].center_mm[k] - rod.center_mm[k];
             let u95 = report.rod_centers[0].center_u95_mm[k];
