@@ -155,6 +155,7 @@ fn every_output_keeps_its_schema() {
     check("render burn --preset clean --binning 4 --out-dir rendered", &["/results/0/truth"]);
     check("render rod --preset clean --binning 4 --out-dir rendered", &["/results/0/truth"]);
     check("demo --out-dir demo", &["/closed"]);
+    check("demo --hidden-effect --out-dir hidden", &["/found", "/gap/heldout_after_rms_mm"]);
     write(
         "job.toml",
         "schema = 1\ncalib = \"rendered/calib.toml\"\n[measure.burn]\n[limits]\nzone_mm = { max = 1.0 }\n",

@@ -2,11 +2,16 @@
 
 use pivotsight::error::Result;
 use pivotsight::frame::{Channel, Picture};
+use pivotsight::measure::rod::Capture;
 use pivotsight::measure::{burn, circles, rod};
+use pivotsight::render::rod::RenderedRod;
 use pivotsight::render::{self, BurnScene, Preset, RodScene};
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
 
-use crate::decoded;
+use crate::decoded::{self, Shown};
 use crate::stats::{quantile, share};
 
 const LEVELS: [(&str, Preset); 3] =
@@ -42,7 +47,9 @@ pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
             "rods" => {
                 let scene = RodScene::preset(preset).expect("a preset is a scene");
                 let answers = seeds.map(|s| one_rod(&scene, s)).collect();
-                rows(level, ["axis", "diameter"], answers);
+                let what =
+                    ["axis", "diameter", "axis, positions inexact", "diameter, positions inexact"];
+                rows(level, what, answers);
             }
             _ => return false,
         }
@@ -84,11 +91,28 @@ fn two_circles(scene: &BurnScene, seed: u64) -> Answers<3> {
     Ok([centre(0), centre(1), diameters])
 }
 
-/// The C axis, or the rod's centre where one table angle only is seen, and the diameter.
-fn one_rod(scene: &RodScene, seed: u64) -> Answers<2> {
+/// Scatter of the positions of a machine that is not exact.
+const SCATTER_MM: f64 = 0.003;
+
+/// The C axis, or the rod's centre where one table angle only is seen, and the diameter; again where the machine's positions
+/// scatter.
+fn one_rod(scene: &RodScene, seed: u64) -> Answers<4> {
     let made = render::rod::render(scene, seed)?;
-    let (captures, frames) = decoded::captures(&made)?;
-    let report = rod::measure_frames(&captures, &frames, &rod::Options::default())?.report;
+    let (mut captures, frames) = decoded::captures(&made)?;
+    let [axis, diameter] = rod_answers(&made, &captures, &frames)?;
+    let mut dice = ChaCha8Rng::seed_from_u64(seed);
+    for capture in &mut captures {
+        for axis in capture.position_mm.iter_mut() {
+            let z: f64 = StandardNormal.sample(&mut dice);
+            *axis += SCATTER_MM * z;
+        }
+    }
+    let [inexact_axis, inexact_diameter] = rod_answers(&made, &captures, &frames)?;
+    Ok([axis, diameter, inexact_axis, inexact_diameter])
+}
+
+fn rod_answers(made: &RenderedRod, captures: &[Capture], frames: &[Shown]) -> Answers<2> {
+    let report = rod::measure_frames(captures, frames, &rod::Options::default())?.report;
     let truth = if report.axis_separated {
         made.truth.axis_center_mm
     } else {

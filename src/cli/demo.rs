@@ -25,24 +25,19 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let options = demo::Options { seed: args.seed, folder: args.out_dir.clone() };
-    if args.hidden_effect {
-        return run_hidden(args, &options, global);
-    }
-    global.say("a virtual machine is burnt, photographed, measured and corrected ...");
-    let report = demo::run(&options)?;
     let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
-    let json = result("demo", input, &[], &report);
-    let status = if report.closed { Status::Good } else { Status::OutOfTolerance };
-    Ok(Outcome { document: Some(Document::single(json, story(&report, args))), status })
-}
-
-fn run_hidden(args: &Args, options: &demo::Options, global: &Global) -> Result<Outcome> {
-    global.say("a check rod is photographed on a machine whose model lacks an effect ...");
-    let report = demo::run_hidden(options)?;
-    let input = serde_json::json!({ "seed": args.seed, "out_dir": args.out_dir });
-    let json = result("demo", input, &[], &report);
-    let status = if report.found { Status::Good } else { Status::OutOfTolerance };
-    Ok(Outcome { document: Some(Document::single(json, hidden_story(&report, args))), status })
+    let (json, text, good) = if args.hidden_effect {
+        global.say("a check rod is photographed on a machine whose model lacks an effect ...");
+        let report = demo::run_hidden(&options)?;
+        let json = result("demo-hidden-effect", input, &[], &report);
+        (json, hidden_story(&report, args), report.found)
+    } else {
+        global.say("a virtual machine is burnt, photographed, measured and corrected ...");
+        let report = demo::run(&options)?;
+        (result("demo", input, &[], &report), story(&report, args), report.closed)
+    };
+    let status = if good { Status::Good } else { Status::OutOfTolerance };
+    Ok(Outcome { document: Some(Document::single(json, text)), status })
 }
 
 /// The hidden effect's report for people.

@@ -36,6 +36,7 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("circles", |g| g.root_schema_for::<Pictures<circles::Report>>()),
     ("config", |g| g.root_schema_for::<super::config::Output>()),
     ("demo", |g| g.root_schema_for::<demo::Report>()),
+    ("demo-hidden-effect", |g| g.root_schema_for::<demo::HiddenReport>()),
     ("diagnose", |g| g.root_schema_for::<super::diagnose::Output>()),
     ("export", |g| g.root_schema_for::<super::export::Output>()),
     ("history", |g| g.root_schema_for::<super::history::Output>()),

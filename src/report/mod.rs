@@ -138,6 +138,7 @@ fn heading(command: &str) -> &str {
         "thermal-compensate" => "Thermal compensation",
         "machine" => "Machine",
         "demo" => "The method on a virtual machine",
+        "demo-hidden-effect" => "An effect the model lacks, on a virtual machine",
         other => other,
     }
 }

@@ -71,9 +71,9 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         let scale = (1.4826 * median(&mut sizes)).max(1e-7);
         let cut = if round == 0 { 3.0 * scale } else { scale };
         for (k, arc) in arcs.iter().enumerate() {
-            for i in 0..own[k].len() {
+            for (i, own) in own[k].iter().enumerate() {
                 let size = joint.distance(arc, i) / cut;
-                joint.weights[k][i] = own[k][i] * crate::fit::circle::tukey(size);
+                joint.weights[k][i] = own * crate::fit::circle::tukey(size);
             }
         }
         let missed = missed(arcs, &joint, &usable);
