@@ -5,7 +5,7 @@ use crate::diagnose::pairs::best_pair;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::score::Standing;
-use crate::diagnose::select::{LIBRARY_BONUS, Selection};
+use crate::diagnose::select::{Selection, library_bonus};
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.
 const SECOND_NAME: f64 = 3.0;
@@ -64,7 +64,7 @@ impl Selection {
         // A generic shape competes at a handicap; two parts must beat one name clearly.
         let own = match (single, named) {
             (true, true) => own + LEAST_GAIN,
-            (true, false) => own - LIBRARY_BONUS + LEAST_GAIN,
+            (true, false) => own - library_bonus(fitter) + LEAST_GAIN,
             (false, _) => own - SECOND_NAME,
         };
         let free = |effect: usize| !rest.active.iter().any(|a| a.effect == effect);
@@ -87,7 +87,7 @@ impl Selection {
             && !is_free(&gone[0])
             && let Some((who, s)) = self.best_generic(fitter, &standing, f)
         {
-            consider(s.evidence - LIBRARY_BONUS - own, &[&who]);
+            consider(s.evidence - library_bonus(fitter) - own, &[&who]);
         }
         if !gone.iter().any(is_form) {
             let own = match (single, named) {

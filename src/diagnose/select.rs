@@ -14,9 +14,8 @@ use crate::diagnose::tails::ln_f_tail;
 const ALPHA_LIBRARY: f64 = 0.005;
 /// Chance of any false generic term where nothing is hidden.
 const ALPHA_GENERIC: f64 = 0.001;
-/// A generic shape must be this much more likely than a library effect to be preferred, nats. Less than none: a shape has paid for
-/// being one of many, a name not yet for being one of two dozen (3.2 nats, against the 2.6 that a name is likelier beforehand).
-pub const LIBRARY_BONUS: f64 = -0.6;
+/// How much likelier a name is than a shape beforehand, nats.
+const NAME_BEFOREHAND: f64 = 2.6;
 /// Share of the explained variance that a further effect must have (a tenth of the gap).
 const LEAST_SHARE: f64 = 0.01;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
@@ -113,7 +112,7 @@ impl Selection {
         let addition = |library: Option<Score>, generic: Option<(Who, Score)>| {
             let strongest = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence);
             match (library, generic) {
-                (Some(l), _) if l.evidence >= strongest - LIBRARY_BONUS => {
+                (Some(l), _) if l.evidence >= strongest - library_bonus(fitter) => {
                     Some(add(fitter, &f.model, &self.library.candidates[l.candidate].who))
                 }
                 (_, Some((who, _))) => Some(add(fitter, &f.model, &who)),
@@ -148,7 +147,7 @@ impl Selection {
         let rival = rivals().map(|s| s.evidence).fold(f64::MIN, f64::max);
         let rival_chi2 = rivals().map(Score::excess).fold(0.0, f64::max);
         // A second name needs no handicap against a bent form of the first; a shape without a name has its own.
-        let shape = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence - LIBRARY_BONUS);
+        let shape = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence - library_bonus(fitter));
         let other = library.as_ref().map_or(shape, |l| l.evidence.max(shape));
         if let Some(x) = &form {
             let small = rival_chi2 < FORM_SHARE * named;
@@ -280,6 +279,15 @@ impl Selection {
         }
         terms
     }
+}
+
+/// A generic shape must be this much more likely than a library effect to be preferred, nats. A shape has paid for its choice of
+/// output and variable, a name not yet for being one of its library. A shape in the only output can be all that a name is; among
+/// three outputs a name shows in several at once, which no shape does.
+pub(super) fn library_bonus(fitter: &Fitter) -> f64 {
+    let names = fitter.experiment.effects().iter().filter(|e| e.untestable.is_none()).count();
+    let outputs = fitter.experiment.layout().directions.len();
+    NAME_BEFOREHAND + (3.0 / outputs.max(1) as f64).ln().max(0.0) - (names.max(1) as f64).ln()
 }
 
 /// The strongest evidence of a list.
