@@ -2,6 +2,8 @@
 
 #[path = "common/json.rs"]
 mod json;
+#[path = "common/schema.rs"]
+mod schema;
 
 use std::path::Path;
 
@@ -9,6 +11,7 @@ use json::run;
 use nalgebra::Vector2;
 use pivotsight::camera::Calibration;
 use pivotsight::render::{BurnScene, burn};
+use schema::unlike_its_schema;
 use serde_json::Value;
 
 /// A camera that is tilted, turned and distorted; it sees a disc with a brighter heart on bare metal.
@@ -88,6 +91,7 @@ fn the_machine_is_the_ruler_of_the_plane() {
         calib.to_str().unwrap(),
     ]);
     assert_eq!(code, Some(0), "{json:#}");
+    assert_eq!(unlike_its_schema(&json), [""; 0]);
     assert_eq!(json["orientation"], "upright");
     let view = truth.view(800, 600).unwrap();
     let scale = view.mm_per_px(view.axis_px());
@@ -202,6 +206,7 @@ fn the_laser_lands_on_what_the_camera_saw() {
         calib,
     ]);
     assert_eq!(code, Some(0), "{json:#}");
+    assert_eq!(unlike_its_schema(&json), [""; 0]);
     for k in 0..2 {
         let off = (number(&json, &format!("/offset_mm/{k}")) - offset[k]).abs();
         let u95 = number(&json, &format!("/offset_u95_mm/{k}"));

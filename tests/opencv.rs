@@ -2,9 +2,12 @@
 
 #[path = "common/json.rs"]
 mod json;
+#[path = "common/schema.rs"]
+mod schema;
 
 use assert_cmd::Command;
 use json::run;
+use schema::unlike_its_schema;
 
 #[test]
 fn the_version_lists_what_is_built_in() {
@@ -27,6 +30,7 @@ fn targets_are_true_to_scale() {
             assert_eq!(code, Some(0));
             // The result goes to the file alone; nothing is printed but in it.
             assert_eq!(json["paper"], paper, "{json:#}");
+            assert_eq!(unlike_its_schema(&json), [""; 0]);
             let text = String::from_utf8_lossy(&std::fs::read(&path).unwrap()).into_owned();
             let page = &json["page_mm"];
             let (w, h) = (page[0].as_f64().unwrap(), page[1].as_f64().unwrap());
@@ -229,6 +233,7 @@ mod with {
         ]);
         let (json, code, words) = run(&args);
         assert_eq!(code, Some(0), "{words}");
+        assert_eq!(unlike_its_schema(&json), [""; 0]);
         if let Ok(kept) = std::env::var("PIVOTSIGHT_KEEP") {
             std::fs::copy(&coverage, Path::new(&kept).join("coverage.png")).unwrap();
             std::fs::write(Path::new(&kept).join("camera.json"), format!("{json:#}")).unwrap();

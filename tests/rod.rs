@@ -66,6 +66,17 @@ fn inexact_positions_of_the_machine_are_in_the_interval() {
     assert!((0.003..0.008).contains(&scatter), "5 µm of scatter, found {scatter} mm");
 }
 
+/// One capture at each table angle: none disagrees with another, and the positions have to be taken for exact.
+#[test]
+fn captures_that_cannot_disagree_do_not_widen_the_interval() {
+    let mut rod = rendered();
+    rod.captures.truncate(1);
+    rod.frames.truncate(1);
+    let report = rod.displaced(|_| Vector2::zeros());
+    assert!(report.rod_centers[0].center_u95_mm.iter().all(|u| *u < 0.03), "{report:#?}");
+    assert_eq!(report.position_scatter_mm, 0.0);
+}
+
 #[test]
 fn exact_positions_show_no_scatter_and_one_slip_is_named_and_left_out() {
     let rod = rendered();

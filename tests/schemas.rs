@@ -4,40 +4,19 @@
 
 #[path = "common/line.rs"]
 mod line;
+#[path = "common/schema.rs"]
+mod schema;
 
 use std::collections::BTreeSet;
 use std::path::Path;
 
 use line::run;
+use schema::{schema, unlike_its_schema};
 use serde_json::{Value, json};
 
 fn prepare(dir: &Path, line: &str) {
     let output = run(dir, line);
     assert!(output.status.success(), "{line}: {}", String::from_utf8_lossy(&output.stderr));
-}
-
-fn schema(dir: &Path, name: &str) -> Value {
-    serde_json::from_slice(&run(dir, &format!("schema {name}")).stdout).unwrap()
-}
-
-/// The schema with every object closed: a key it does not describe is then a failure. What `anyOf` chooses from
-/// stays open, since the envelope's keys stand beside it.
-fn closed(mut schema: Value) -> Value {
-    let open: Vec<String> = schema["anyOf"]
-        .as_array()
-        .into_iter()
-        .flatten()
-        .filter_map(|s| Some(s["$ref"].as_str()?.trim_start_matches("#/$defs/").to_owned()))
-        .collect();
-    schema["unevaluatedProperties"] = json!(false);
-    if let Some(Value::Object(parts)) = schema.get_mut("$defs") {
-        for (name, part) in parts {
-            if part.get("properties").is_some() && !open.contains(name) {
-                part["unevaluatedProperties"] = json!(false);
-            }
-        }
-    }
-    schema
 }
 
 /// Runs a command and holds its JSON against its schema; the exit code is the caller's business.
@@ -46,19 +25,7 @@ fn valid(dir: &Path, line: &str) -> Value {
     let problem = String::from_utf8_lossy(&output.stderr);
     let result: Value = serde_json::from_slice(&output.stdout)
         .unwrap_or_else(|e| panic!("{line}: no JSON ({e}): {problem}"));
-    let id = result["schema"].as_str().unwrap_or_else(|| panic!("{line}: no schema")).to_owned();
-    let name = id.strip_prefix("pivotsight.").unwrap().strip_suffix("/1").unwrap();
-    let validator = jsonschema::validator_for(&closed(schema(dir, name))).unwrap();
-    let wrong: Vec<String> = validator
-        .iter_errors(&result)
-        .map(|e| {
-            format!(
-                "{}: {}",
-                e.instance_path(),
-                e.to_string().chars().take(300).collect::<String>()
-            )
-        })
-        .collect();
+    let wrong = unlike_its_schema(&result);
     assert!(wrong.is_empty(), "{line}:\n{}", wrong.join("\n"));
     result
 }
@@ -292,7 +259,7 @@ fn every_output_keeps_its_schema() {
     );
     check("calib target chessboard:8x6:5 --out target.svg", &["/points"]);
     check("config", &["/defaults"]);
-    // These need a machine that moves, or OpenCV: tests/calib.rs, tests/opencv.rs.
+    // These need a machine that moves, or OpenCV: tests/calib.rs and tests/opencv.rs hold them against their schemas.
     seen.extend(["calib-camera", "calib-laser", "calib-plane"].map(str::to_owned));
     let all: Value = serde_json::from_slice(&run(dir, "schema --format json").stdout).unwrap();
     let all: BTreeSet<String> = serde_json::from_value(all["schemas"].clone()).unwrap();
@@ -302,7 +269,7 @@ fn every_output_keeps_its_schema() {
 #[test]
 fn a_schema_is_versioned_and_refuses_what_is_wrong() {
     let dir = tempfile::tempdir().unwrap();
-    let burn = schema(dir.path(), "burn");
+    let burn = schema("burn");
     assert_eq!(burn["$id"], "https://pivotsight.github.io/schema/burn-1.json");
     assert_eq!(burn["properties"]["schema"]["const"], "pivotsight.burn/1");
     let validator = jsonschema::validator_for(&burn).unwrap();

@@ -228,7 +228,8 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         variance,
         place,
         group: group.clone(),
-        displacement: Some(displacement),
+        // Where every angle has one capture only, they cannot disagree: then positions have to be taken for exact.
+        displacement: (arcs.len() > angles).then_some(displacement),
     };
     let mut fit = correlated::fit(&rows, None)?;
     for rows in correlated::groups(&group) {
