@@ -158,14 +158,27 @@ fn in_frame(
                 centers: 8,
             },
         );
+        let mut ragged: Option<Ring> = None;
         let ring = pick(&candidates, radius_px)
             .into_iter()
             .take(4)
             .find_map(|c| {
                 let ring = measure_candidate(frame, view, &c, &candidates)?;
                 let off = (2.0 * ring.circle.radius / expect_mm - 1.0).abs();
-                (off < DIAMETER_WINDOW && is_edge(&ring)).then(|| ring.perhaps_soft())
+                if off > DIAMETER_WINDOW {
+                    return None;
+                }
+                if form(&ring) < RAGGED {
+                    return Some(ring);
+                }
+                let best = ragged.as_ref().map_or(MOST_RAGGED, form);
+                if form(&ring) < best && ring.arc_coverage > WHOLE {
+                    ragged = Some(ring);
+                }
+                None
             })
+            .or(ragged)
+            .map(Ring::perhaps_soft)
             .ok_or_else(|| {
                 Error::measure(
                     subject,
@@ -186,12 +199,16 @@ fn in_frame(
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
 }
 
-/// Whether what was measured is the edge of a circle. Background gathered into one wanders and has gaps: either
-/// alone may be a poor part or a covered one, both together are no circle.
-fn is_edge(ring: &Ring) -> bool {
-    const RAGGED: f64 = 0.03;
-    const WHOLE: f64 = 0.85;
-    ring.form_rms_mm < RAGGED * ring.circle.radius || ring.arc_coverage > WHOLE
+/// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
+const RAGGED: f64 = 0.03;
+/// ... and above which it is no circle's, whole as it may seem.
+const MOST_RAGGED: f64 = 0.08;
+/// Share of its circumference that the edge of a poor part shows.
+const WHOLE: f64 = 0.85;
+
+/// Root mean square of a circle's form over its radius.
+fn form(ring: &Ring) -> f64 {
+    ring.form_rms_mm / ring.circle.radius
 }
 
 /// Candidates in the order in which they are tried: strong ones near the expected radius first.
