@@ -111,6 +111,34 @@ fn washers_agree_with_the_coordinate_measuring_machine() {
     }
 }
 
+/// The core of a fibre is a pale circle in a textured picture; where none is to be seen, no texture is taken for it.
+#[test]
+fn a_fibre_without_a_visible_core_is_said_to_have_none() {
+    let data = format!("{}/../shared/data/fibres", env!("CARGO_MANIFEST_DIR"));
+    if !std::path::Path::new(&data).is_dir() {
+        println!("skipped: the fibre pictures are not here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let calib = folder.path().join("scale.toml");
+    std::fs::write(&calib, "schema = 1\n[scale]\nmm_per_px = 0.0004343\n").unwrap();
+    for i in 1..=10 {
+        let picture = format!("{data}/fibre_{i:03}.jpg");
+        let expected = ["--expect-mm", "0.125", "--expect-mm", "0.05", "--format", "json"];
+        let args = ["circles", &picture, "--calib", calib.to_str().unwrap()];
+        let (code, result, error) = run(&[&args[..], &expected].concat());
+        if [1, 3, 10].contains(&i) {
+            assert!(
+                code == 3 && error.contains("no circle of about 0.05 mm"),
+                "{picture}: {error}"
+            );
+            continue;
+        }
+        let [outer, core] = [0, 1].map(|k| number(&result, &format!("/circles/{k}/diameter_mm")));
+        assert!((outer / core / 2.5 - 1.0).abs() < 0.035, "{picture}: {outer} / {core}");
+    }
+}
+
 #[test]
 fn bad_input_is_named_and_nothing_is_written() {
     let folder = tempfile::tempdir().unwrap();

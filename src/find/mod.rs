@@ -11,7 +11,7 @@ mod votes;
 
 pub use look::Look;
 pub(crate) use look::blur;
-pub use standing::{Sides, standing};
+pub use standing::{Sides, stands_out};
 
 use nalgebra::Vector2;
 

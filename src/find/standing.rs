@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use crate::find::Candidate;
 use crate::find::look::{Look, value_at};
 use crate::fit::Circle;
 
@@ -30,10 +31,19 @@ impl Sides {
     }
 }
 
+/// A mark must differ from its surroundings by this many times what the bare surface does by itself, and more where less of it
+/// is seen: of the circles that may be drawn into texture some always differ by three or so, and parts of them by ten.
+const STANDING: f64 = 4.0;
+
+/// Whether a circle stands out from its surface, clear of `marks`; `None` where there is too little bare surface to tell.
+pub fn stands_out(look: &Look, c: &Candidate, sides: Sides, marks: &[Circle]) -> Option<bool> {
+    standing(look, c.circle, sides, marks).map(|z| z * c.coverage.powi(2) > STANDING)
+}
+
 /// How many times the usual difference between inside and outside a circle shows, where usual is what circles of its size have
 /// elsewhere on the surface, clear of `marks`; smaller circles where there is no room for such. `None` where there is too little
 /// bare surface to tell. Full-picture pixels.
-pub fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Option<f64> {
+fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Option<f64> {
     let radius = circle.radius / look.factor as f64;
     let here = difference(look, look.reduced(circle.center), radius, sides, marks)?;
     let usual = SMALLER.iter().find_map(|part| usual(look, circle, part * radius, sides, marks))?;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
-use crate::find::{self, Candidate};
+use crate::find::{self, Candidate, Sides};
 use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::ring::{self, Ring, Search};
@@ -168,6 +168,14 @@ fn in_frame(
                 if off > DIAMETER_WINDOW {
                     return None;
                 }
+                if form(&ring) < REGULAR {
+                    return Some(ring);
+                }
+                let others: Vec<Circle> =
+                    candidates.iter().filter(|o| rivals(o, &c)).map(|o| o.circle).collect();
+                if find::stands_out(&look, &c, Sides::Edge, &others) == Some(false) {
+                    return None;
+                }
                 if form(&ring) < RAGGED {
                     return Some(ring);
                 }
@@ -199,12 +207,21 @@ fn in_frame(
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
 }
 
+/// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
+const REGULAR: f64 = 0.015;
 /// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
 const RAGGED: f64 = 0.03;
 /// ... and above which it is no circle's, whole as it may seem.
 const MOST_RAGGED: f64 = 0.08;
 /// Share of its circumference that the edge of a poor part shows.
 const WHOLE: f64 = 0.85;
+
+/// Whether another circle is about as strong, and not the same one seen twice.
+fn rivals(other: &Candidate, c: &Candidate) -> bool {
+    let apart = (other.circle.center - c.circle.center).norm() / c.circle.radius;
+    let larger = other.circle.radius / c.circle.radius - 1.0;
+    other.score > 0.3 * c.score && apart.max(larger.abs()) > 0.1
+}
 
 /// Root mean square of a circle's form over its radius.
 fn form(ring: &Ring) -> f64 {

@@ -13,9 +13,6 @@ use crate::measure::ring::{self, Ring, Search};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
-/// A mark must differ from its surroundings by this many times what the bare surface does by itself, and more where less of it
-/// is seen: of the circles that may be drawn into texture some always differ by three or so, and parts of them by ten.
-const STANDING: f64 = 4.0;
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
@@ -63,8 +60,7 @@ pub(super) fn measure(
             let least_step = 0.3 * outer.step.abs();
             let others = steady.iter().filter(|e| e.step.abs() > least_step && !alike(e, c));
             let others: Vec<Circle> = others.map(|e| e.circle).collect();
-            find::standing(&look, c.circle, sides, &others)
-                .is_some_and(|z| z * c.coverage.powi(2) > STANDING)
+            find::stands_out(&look, c, sides, &others) == Some(true)
         };
         if !stands_out(outer, Sides::Edge) {
             continue;
