@@ -129,7 +129,7 @@ fn a_fibre_without_a_visible_core_is_said_to_have_none() {
         let (code, result, error) = run(&[&args[..], &expected].concat());
         if [1, 3, 10].contains(&i) {
             assert!(
-                code == 3 && error.contains("no circle of about 0.05 mm"),
+                code == 2 && error.contains("no circle of about 0.05 mm"),
                 "{picture}: {error}"
             );
             continue;
