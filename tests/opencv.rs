@@ -63,7 +63,7 @@ fn without_opencv_the_command_says_how_to_get_it() {
 mod with {
     use std::path::Path;
 
-    use super::run;
+    use super::{run, unlike_its_schema};
     use nalgebra::{Rotation3, Vector2, Vector3};
     use pivotsight::calib::lens;
     use pivotsight::calib::target::Target;
