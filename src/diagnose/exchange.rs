@@ -97,7 +97,11 @@ impl Selection {
             };
             if let Some((evidence, pair)) = best_pair(fitter, f, &standing, &self.library, &free) {
                 // That a single name stays, beside a second one, is for the next addition to say.
-                let stays = |who: &Who| matches!((who, gone), (Who::Effect(a), [Part::Effect(i)]) if a.effect == f.model.active[*i].effect);
+                let one = match gone {
+                    [Part::Effect(i)] => Some(f.model.active[*i].effect),
+                    _ => None,
+                };
+                let stays = |who: &Who| matches!(who, Who::Effect(a) if Some(a.effect) == one);
                 if !pair.iter().any(stays) {
                     consider(evidence - SECOND_NAME - own, &pair.each_ref());
                 }

@@ -8,6 +8,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 use crate::edge::{Contour, Profiles};
 use crate::fit::circle::tukey;
+use crate::fit::robust::{median, scatter};
 
 /// A slope under this many of its own standard deviations is not taken out.
 const SURE: f64 = 4.0;
@@ -51,8 +52,7 @@ fn drop_if_black(levels: &mut Vec<Level>, inside: bool) {
     if steps.is_empty() {
         return;
     }
-    let middle = steps.len() / 2;
-    if *steps.select_nth_unstable_by(middle, f64::total_cmp).1 > BLACK {
+    if median(&mut steps) > BLACK {
         levels.retain(|l| !of_side(l));
     }
 }
@@ -104,8 +104,7 @@ fn slope(levels: &[Level]) -> Option<Vector2<f64>> {
         let fitted = inverse * right;
         let residual = |l: &Level| l.log - l.row.dot(&fitted);
         let mut sizes: Vec<f64> = levels.iter().map(|l| residual(l).abs()).collect();
-        let middle = sizes.len() / 2;
-        let sd = 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let sd = scatter(&mut sizes);
         if sd <= 0.0 {
             return None;
         }

@@ -1,5 +1,7 @@
 //! The profile common to all sectors: value over distance.
 
+use crate::fit::robust::scatter;
+
 /// A profile at equally spaced distances.
 #[derive(Debug, Clone)]
 pub struct Template {
@@ -35,9 +37,7 @@ impl Template {
         let v = &self.values;
         let mut thirds: Vec<f64> =
             (0..n - 3).map(|i| (v[i + 3] - 3.0 * v[i + 2] + 3.0 * v[i + 1] - v[i]).abs()).collect();
-        let middle = thirds.len() / 2;
-        let noise2 =
-            (1.4826 * *thirds.select_nth_unstable_by(middle, f64::total_cmp).1).powi(2) / 20.0;
+        let noise2 = scatter(&mut thirds).powi(2) / 20.0;
         let energy = |v: &[f64]| v.windows(3).map(|w| 0.25 * (w[2] - w[0]).powi(2)).sum::<f64>();
         let mut passes = 0;
         while passes < n * n / 64 {

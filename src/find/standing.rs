@@ -5,6 +5,7 @@ use nalgebra::Vector2;
 use crate::find::Candidate;
 use crate::find::look::{Look, value_at};
 use crate::fit::Circle;
+use crate::fit::robust::scatter;
 
 /// Directions in which both sides of a circle are read.
 const RAYS: usize = 32;
@@ -76,8 +77,7 @@ fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle
     if differences.len() < LEAST_PLACES {
         return None;
     }
-    let middle = differences.len() / 2;
-    Some(1.4826 * *differences.select_nth_unstable_by(middle, f64::total_cmp).1)
+    Some(scatter(&mut differences))
 }
 
 /// Mean level outside a circle minus that inside, reduced pixels, of the directions in which both lie in the picture and on one

@@ -2,6 +2,8 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
+use crate::fit::robust::scatter;
+
 /// A circle in whatever plane its points live in.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Circle {
@@ -183,8 +185,7 @@ fn robust_scale(distances: &[f64], weights: &[f64]) -> f64 {
     if sizes.is_empty() {
         return 0.0;
     }
-    let middle = sizes.len() / 2;
-    1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1
+    scatter(&mut sizes)
 }
 
 #[cfg(test)]

@@ -69,8 +69,12 @@ pub struct Fit {
     pub moved: DVector<f64>,
 }
 
-/// Any kernel: without a share it has no say.
-const WHITE: Kernel = Kernel { shape: Shape::Exponential, as_noise: false };
+/// No wander; without a share any kernel and length have no say.
+const WHITE: Wandering = Wandering {
+    share: 0.0,
+    length: 1.0,
+    kernel: Kernel { shape: Shape::Exponential, as_noise: false },
+};
 
 /// How much wider the interval of an edge that only wanders is than that of a stationary one.
 const UNSTEADY: f64 = 0.4;
@@ -96,13 +100,19 @@ fn kernels(shape: Shape) -> [Kernel; 2] {
     [false, true].map(|as_noise| Kernel { shape, as_noise })
 }
 
+/// A grid point: what share of the variance wanders, how far, and how.
+#[derive(Debug, Clone, Copy)]
+struct Wandering {
+    share: f64,
+    length: f64,
+    kernel: Kernel,
+}
+
 struct Candidate {
     beta: DVector<f64>,
     covariance: DMatrix<f64>,
     log_likelihood: f64,
-    share: f64,
-    length: f64,
-    kernel: Kernel,
+    wandering: Wandering,
     scale: f64,
     /// Variance of the displacement, before scaling.
     displacement: f64,
@@ -121,19 +131,13 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         return None;
     }
     let grid = grid(rows, known);
-    let mut candidates = at_grid_point(rows, mean_variance, 0.0, 1.0, WHITE, grid.white);
+    let mut candidates = at_grid_point(rows, mean_variance, WHITE, grid.white);
     let white = candidates.len();
     for (kernel, length, probability) in grid.kernels {
         for share in SHARES {
+            let wandering = Wandering { share, length, kernel };
             let probability = probability / SHARES.len() as f64;
-            candidates.extend(at_grid_point(
-                rows,
-                mean_variance,
-                share,
-                length,
-                kernel,
-                probability,
-            ));
+            candidates.extend(at_grid_point(rows, mean_variance, wandering, probability));
         }
     }
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
@@ -143,7 +147,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         let w = weight(c);
         total += w;
         beta += &c.beta * w;
-        share += c.share * w;
+        share += c.wandering.share * w;
     }
     beta /= total;
     let mut covariance = DMatrix::zeros(p, p);
@@ -157,16 +161,15 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     let sum = |list: &[Candidate]| list.iter().map(weight).sum::<f64>() / total;
     let mut wander = Wander { white: sum(&candidates[..white]), kernels: Vec::new() };
     for c in &candidates[white..] {
+        let Wandering { kernel, length, .. } = c.wandering;
         match wander.kernels.last_mut() {
-            Some((kernel, length, sum)) if *kernel == c.kernel && *length == c.length => {
-                *sum += weight(c) / total;
-            }
-            _ => wander.kernels.push((c.kernel, c.length, weight(c) / total)),
+            Some((k, l, sum)) if *k == kernel && *l == length => *sum += weight(c) / total,
+            _ => wander.kernels.push((kernel, length, weight(c) / total)),
         }
     }
     let displaced = candidates.iter().filter(|c| c.displacement > 0.0).map(weight).sum::<f64>();
     let residuals = &rows.y - &rows.design * &beta;
-    let mut row_covariance = covariance_matrix(rows, mean_variance, best);
+    let mut row_covariance = covariance_matrix(rows, mean_variance, best.wandering);
     let moved = displaced::most_likely(rows, &row_covariance, &residuals, best.displacement);
     displaced::add(rows, best.displacement, &mut row_covariance);
     row_covariance *= best.scale;
@@ -239,10 +242,9 @@ fn block(
     rows: &Rows,
     range: std::ops::Range<usize>,
     mean_variance: f64,
-    share: f64,
-    length: f64,
-    kernel: Kernel,
+    wandering: Wandering,
 ) -> DMatrix<f64> {
+    let Wandering { share, length, kernel } = wandering;
     let at = range.start;
     let n = range.len();
     let mut c = DMatrix::zeros(n, n);
@@ -286,11 +288,11 @@ pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
 }
 
 /// Covariance of the rows where their groups stay in place, before scaling.
-fn covariance_matrix(rows: &Rows, mean_variance: f64, at: &Candidate) -> DMatrix<f64> {
+fn covariance_matrix(rows: &Rows, mean_variance: f64, wandering: Wandering) -> DMatrix<f64> {
     let n = rows.y.len();
     let mut whole = DMatrix::zeros(n, n);
     for range in groups(&rows.group) {
-        let c = block(rows, range.clone(), mean_variance, at.share, at.length, at.kernel);
+        let c = block(rows, range.clone(), mean_variance, wandering);
         whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
     }
     whole
@@ -301,12 +303,10 @@ fn covariance_matrix(rows: &Rows, mean_variance: f64, at: &Candidate) -> DMatrix
 fn at_grid_point(
     rows: &Rows,
     mean_variance: f64,
-    share: f64,
-    length: f64,
-    kernel: Kernel,
+    wandering: Wandering,
     probability: f64,
 ) -> Vec<Candidate> {
-    let Some(whitened) = Whitened::new(rows, mean_variance, share, length, kernel) else {
+    let Some(whitened) = Whitened::new(rows, mean_variance, wandering) else {
         return Vec::new();
     };
     let still = (0.0, probability * if rows.displacement.is_some() { 0.5 } else { 1.0 });
@@ -316,16 +316,7 @@ fn at_grid_point(
     let solve = |(displacement, probability): (f64, f64)| {
         let Solved { beta, covariance, scale, log_likelihood } = whitened.solve(displacement)?;
         let log_likelihood = log_likelihood + probability.ln();
-        Some(Candidate {
-            beta,
-            covariance,
-            log_likelihood,
-            share,
-            length,
-            kernel,
-            scale,
-            displacement,
-        })
+        Some(Candidate { beta, covariance, log_likelihood, wandering, scale, displacement })
     };
     std::iter::once(still).chain(tried).filter_map(solve).collect()
 }

@@ -3,6 +3,7 @@
 pub mod circle;
 pub mod correlated;
 pub mod least_squares;
+pub mod robust;
 
 pub use circle::Circle;
 pub mod serial;

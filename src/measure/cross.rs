@@ -10,6 +10,7 @@ use crate::camera::View;
 use crate::cv::{self, Ellipse};
 use crate::error::Result;
 use crate::fit::Circle;
+use crate::fit::robust::scatter;
 use crate::frame::Frame;
 use crate::measure::CircleReport;
 use crate::measure::rod;
@@ -165,8 +166,7 @@ fn refine(contours: &[Vec<Vector2<f64>>], start: Ellipse) -> Result<Option<(Elli
         ellipse = next;
         let mut sizes: Vec<f64> =
             used.iter().map(|p| ((p - next.center).norm() - next.radius()).abs()).collect();
-        let middle = sizes.len() / 2;
-        let scatter = 1.4826 * *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let scatter = scatter(&mut sizes);
         // An ellipse seen at an angle is no circle: its axes differ, and that is no scatter.
         let oval = (next.axes[0] - next.axes[1]).abs();
         band = (3.0 * scatter + oval).clamp(1.5, band);

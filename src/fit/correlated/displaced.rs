@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2xX, Vector2};
 
-use super::{Kernel, Rows, block, groups};
+use super::{Rows, Wandering, block, groups};
 
 /// Variances tried of a displacement, in those of a row's white part.
 pub(super) const VARIANCES: [f64; 8] = [0.1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6];
@@ -37,20 +37,14 @@ pub(super) struct Solved {
 
 impl Whitened {
     /// Whitens. `None` where the covariance is no covariance.
-    pub fn new(
-        rows: &Rows,
-        mean_variance: f64,
-        share: f64,
-        length: f64,
-        kernel: Kernel,
-    ) -> Option<Self> {
+    pub fn new(rows: &Rows, mean_variance: f64, wandering: Wandering) -> Option<Self> {
         let mut x = rows.design.clone();
         let mut y = rows.y.clone();
         let mut log_det = 0.0;
         let mut list = Vec::new();
         for range in groups(&rows.group) {
             let (at, len) = (range.start, range.len());
-            let c = block(rows, range.clone(), mean_variance, share, length, kernel);
+            let c = block(rows, range.clone(), mean_variance, wandering);
             let l = c.cholesky()?.unpack();
             log_det += 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
             let solved = l.solve_lower_triangular_mut(&mut x.rows_mut(at, len))

@@ -5,6 +5,7 @@ use nalgebra::Vector2;
 use super::joint::{Arc, Joint, Refined};
 use super::{Capture, CaptureReport, EdgePoint, Options};
 use crate::error::{Error, Result};
+use crate::fit::robust::scatter;
 
 /// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
 const DISAGREEMENT_MM: f64 = 0.01;
@@ -130,8 +131,7 @@ fn local_scatter(points: &[EdgePoint]) -> f64 {
     if steps.is_empty() {
         return 0.0;
     }
-    let middle = steps.len() / 2;
-    1.4826 * *steps.select_nth_unstable_by(middle, f64::total_cmp).1 / 2.0f64.sqrt()
+    scatter(&mut steps) / 2.0f64.sqrt()
 }
 
 /// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.

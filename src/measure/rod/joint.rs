@@ -3,9 +3,11 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::fit::Circle;
+use crate::fit::circle::tukey;
 use crate::fit::correlated::{self, Fit, Rows};
 use crate::fit::least_squares;
-use crate::measure::ring::Points;
+use crate::fit::robust::{median, scatter};
+use crate::measure::ring::{Points, group_rows, robust_weights};
 
 /// The edge points of one capture in machine coordinates.
 #[derive(Debug, Clone)]
@@ -37,48 +39,41 @@ pub(super) struct Joint {
 }
 
 impl Joint {
-    /// Where a capture's arc is expected in the camera's plane at that machine position.
-    pub fn circle(&self, angle: usize, capture: usize, position_mm: Vector2<f64>) -> Circle {
+    /// The rod in the camera's plane where the machine puts a capture.
+    fn put(&self, arc: &Arc) -> Circle {
+        Circle { center: self.centers[arc.angle] - arc.position_mm, radius: self.radius }
+    }
+
+    /// The rod in the camera's plane where a capture seems to be.
+    pub fn seen(&self, angle: usize, capture: usize, position_mm: Vector2<f64>) -> Circle {
         Circle {
             center: self.centers[angle] + self.shifts[capture] - position_mm,
             radius: self.radius,
         }
-    }
-
-    /// Distance of an arc's point outside the circle that its capture shows.
-    fn distance(&self, arc: &Arc, i: usize) -> f64 {
-        self.circle(arc.angle, arc.capture, arc.position_mm).distance(arc.points.place_mm[i])
     }
 }
 
 /// Robust joint fit by iterated reweighting: all arcs share the radius, arcs of one angle share the centre, and the
 /// captures are displaced by about as much as the middles of their arcs miss the common circle.
 pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint> {
-    let own: Vec<Vec<f64>> = arcs.iter().map(|a| own_weights(&a.points)).collect();
+    let own: Vec<Vec<f64>> = arcs.iter().map(|a| robust_weights(&a.points)).collect();
     let mut joint = Joint { weights: own.clone(), ..start.clone() };
-    let usable: Vec<Vec<usize>> = own
-        .iter()
-        .map(|o| o.iter().enumerate().filter(|w| *w.1 > 0.0).map(|w| w.0).collect())
-        .collect();
     for round in 0..rounds {
-        let mut sizes = Vec::new();
-        for (k, arc) in arcs.iter().enumerate() {
-            sizes.extend(usable[k].iter().map(|i| joint.distance(arc, *i).abs()));
-        }
+        let off = distances(arcs, |a| joint.seen(a.angle, a.capture, a.position_mm));
+        let mut sizes: Vec<f64> =
+            off.iter().zip(&own).flat_map(|(off, own)| usable(off, own)).map(f64::abs).collect();
         if sizes.len() < 10 {
             return None;
         }
-        let scale = (1.4826 * median(&mut sizes)).max(1e-7);
+        let scale = scatter(&mut sizes).max(1e-7);
         let cut = if round == 0 { 3.0 * scale } else { scale };
-        for (k, arc) in arcs.iter().enumerate() {
-            for (i, own) in own[k].iter().enumerate() {
-                let size = joint.distance(arc, i) / cut;
-                joint.weights[k][i] = own * crate::fit::circle::tukey(size);
+        for ((weights, own), off) in joint.weights.iter_mut().zip(&own).zip(&off) {
+            for ((weight, own), off) in weights.iter_mut().zip(own).zip(off) {
+                *weight = own * tukey(off / cut);
             }
         }
-        let missed = missed(arcs, &joint, &usable);
-        let displacement =
-            1.4826 * median(&mut missed.iter().flatten().copied().collect::<Vec<_>>());
+        let missed = missed(arcs, &joint, &own);
+        let displacement = scatter(&mut missed.iter().flatten().copied().collect::<Vec<_>>());
         let gross = |m: &Option<f64>| {
             m.is_some_and(|m| m > (GROSS * displacement.max(scale)).max(GROSS_MM))
         };
@@ -99,14 +94,28 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
     Some(joint)
 }
 
+/// How far each point of each arc lies outside the arc's circle.
+fn distances(arcs: &[Arc], circle: impl Fn(&Arc) -> Circle) -> Vec<Vec<f64>> {
+    let of_arc = |arc: &Arc| {
+        let circle = circle(arc);
+        arc.points.place_mm.iter().map(|p| circle.distance(*p)).collect()
+    };
+    arcs.iter().map(of_arc).collect()
+}
+
+/// The distances of the points that have a weight of their own.
+fn usable<'a>(off: &'a [f64], own: &'a [f64]) -> impl Iterator<Item = f64> + 'a {
+    off.iter().zip(own).filter(|(_, own)| **own > 0.0).map(|(off, _)| *off)
+}
+
 /// How far the middle of each arc misses the common circle where the machine puts it.
-fn missed(arcs: &[Arc], joint: &Joint, usable: &[Vec<usize>]) -> Vec<Option<f64>> {
-    let still = Joint { shifts: vec![Vector2::zeros(); joint.shifts.len()], ..joint.clone() };
-    let middle = |(arc, usable): (&Arc, &Vec<usize>)| {
-        let mut off: Vec<f64> = usable.iter().map(|i| still.distance(arc, *i)).collect();
+fn missed(arcs: &[Arc], joint: &Joint, own: &[Vec<f64>]) -> Vec<Option<f64>> {
+    let off = distances(arcs, |a| joint.put(a));
+    let middle = |(off, own): (&Vec<f64>, &Vec<f64>)| {
+        let mut off: Vec<f64> = usable(off, own).collect();
         (!off.is_empty()).then(|| median(&mut off).abs())
     };
-    arcs.iter().zip(usable).map(middle).collect()
+    off.iter().zip(own).map(middle).collect()
 }
 
 /// An arc that misses the circle by this many times what the others do is no such arc, or its position is wrong.
@@ -128,7 +137,7 @@ fn step(arcs: &[Arc], joint: &mut Joint, ease: f64, scale: f64) -> Option<f64> {
     let total: f64 = joint.weights.iter().flatten().sum();
     let share = (GROUPS_PER_ARC * arcs.len()) as f64 / total.max(f64::MIN_POSITIVE);
     for (k, arc) in arcs.iter().enumerate() {
-        let circle = joint.circle(arc.angle, arc.capture, arc.position_mm);
+        let circle = joint.seen(arc.angle, arc.capture, arc.position_mm);
         for (place, weight) in arc.points.place_mm.iter().zip(&joint.weights[k]) {
             if *weight > 0.0 {
                 let d = circle.distance(*place);
@@ -170,15 +179,6 @@ fn step(arcs: &[Arc], joint: &mut Joint, ease: f64, scale: f64) -> Option<f64> {
     (joint.radius.is_finite() && joint.radius > 0.0).then(|| step.norm())
 }
 
-fn median(list: &mut [f64]) -> f64 {
-    let middle = list.len() / 2;
-    *list.select_nth_unstable_by(middle, f64::total_cmp).1
-}
-
-fn own_weights(points: &Points) -> Vec<f64> {
-    crate::measure::ring::robust_weights(points)
-}
-
 /// The joint fit with what it says of the captures.
 pub(super) struct Refined {
     /// Coefficients: centre x, y of every angle, then the radius, as corrections of the robust solution.
@@ -205,10 +205,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let mut displacement = Vec::new();
     for (k, arc) in arcs.iter().enumerate() {
-        let about =
-            Circle { center: joint.centers[arc.angle] - arc.position_mm, radius: joint.radius };
-        let rows =
-            crate::measure::ring::group_rows(&arc.points, &joint.weights[k], about, GROUPS_PER_ARC);
+        let rows = group_rows(&arc.points, &joint.weights[k], joint.put(arc), GROUPS_PER_ARC);
         for i in 0..rows.y.len() {
             let mut row = vec![0.0; 2 * angles + 1];
             row[2 * arc.angle] = rows.design[(i, 0)];

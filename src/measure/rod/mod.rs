@@ -158,7 +158,7 @@ fn follow(
             .enumerate()
             .filter_map(|(i, (frame, view))| {
                 let position_mm = captures[i].position_mm;
-                let rough = guess.circle(angle_of[i], i, position_mm);
+                let rough = guess.seen(angle_of[i], i, position_mm);
                 let per_mm = 1.0 / view.pixel_mm();
                 let inside_limit_px = rim.inner_mm.map_or(60.0, |inner_mm| {
                     (0.6 * (rim.radius_mm - inner_mm) * per_mm).clamp(4.0, 60.0)
