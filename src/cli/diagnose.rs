@@ -34,7 +34,7 @@ pub struct Args {
     /// Standard deviation of one value where it is known; otherwise it is taken from repeats and the data
     #[arg(long, value_name = "S")]
     noise_mm: Option<f64>,
-    /// Write the machine file with the named effects added
+    /// Write the machine file with the named effects added, and as formulas the shapes without a name
     #[arg(long, value_name = "FILE")]
     write_model: Option<PathBuf>,
     /// Write a page with plots before and after into this folder
@@ -97,11 +97,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     for (name, why) in &report.untested {
         warnings.push(format!("{name} could not be tested: {why}"));
     }
-    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(path) = &args.write_model {
         let machine = model::with_effects(&source.machine()?, &report);
         write_whole(path, machine.to_toml().as_bytes())?;
+        warnings.extend(model::left_out(&report));
     }
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(folder) = &args.report {
         page::write(folder, experiment.as_ref(), &report)?;
     }

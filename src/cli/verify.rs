@@ -9,6 +9,7 @@ use serde_json::json;
 
 use crate::cli::{Global, Outcome, Status, result, rows};
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
+use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::{Document, create_folder, write_whole};
@@ -167,8 +168,11 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
     if !machine.effects.is_empty() {
-        let experiment = RtcpExperiment::from_table(&sweep.table, machine, &mut warnings)?;
-        add_effects(&experiment, &mut predicted);
+        let entries = own::of_machine(machine, "rtcp");
+        let experiment = own::around(machine, &args.machine, entries, |rest| {
+            Ok(Box::new(RtcpExperiment::from_table(&sweep.table, rest, &mut warnings)?))
+        })?;
+        add_effects(experiment.as_ref(), &mut predicted);
     }
     let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));

@@ -31,7 +31,7 @@ impl Selection {
             let layout = fitter.experiment.layout();
             let (more, captures) = (next.rank as f64 - f.rank as f64, layout.group_count() as f64);
             let price = more * captures / (captures - more - 1.0).max(1.0);
-            if next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0]
+            if next.noise.level_mm() > MORE_NOISE * f.noise.level_mm()
                 || (!layout.random.is_empty() && gain < price)
             {
                 return;
@@ -144,7 +144,7 @@ impl Selection {
                 Part::Extra(both.model.extras.len() - 1),
             ];
             // Both are judged with the noise of the one, or a poorer fit would look better.
-            let ratio = (both.noise.sigma_mm[0] / f.noise.sigma_mm[0]).powi(2);
+            let ratio = (both.noise.level_mm() / f.noise.level_mm()).powi(2);
             let gain =
                 without(fitter, &both, &pair).1.map_or(f64::MIN, |s| s.evidence * ratio) - own;
             if ratio < MORE_NOISE.powi(2)

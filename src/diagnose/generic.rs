@@ -66,9 +66,8 @@ impl Term {
                 ]
             }
             Shape::Power(k) => {
-                let (low, high) = range(x);
-                let half = ((high - low) / 2.0).max(1e-12);
-                vec![column(&|x| legendre(k, (x - (low + high) / 2.0) / half))]
+                let (mid, half) = middle(x);
+                vec![column(&|x| legendre(k, (x - mid) / half))]
             }
             Shape::Step(at) => vec![column(&|x| if x > at { 1.0 } else { 0.0 })],
             Shape::Levels(count) => {
@@ -80,8 +79,11 @@ impl Term {
                     .collect()
             }
             Shape::Surface(other) => {
-                let a = smooth(&layout.variables[self.variable]);
-                let b = smooth(&layout.variables[other]);
+                let functions = |v: &Variable| -> Vec<Vec<f64>> {
+                    smooth(v).into_iter().map(|f| f.values(&v.values)).collect()
+                };
+                let a = functions(&layout.variables[self.variable]);
+                let b = functions(&layout.variables[other]);
                 let product = |p: usize, q: usize| -> Vec<f64> {
                     (0..x.len()).map(|i| along[i] * a[p][i] * b[q][i]).collect()
                 };
@@ -248,24 +250,47 @@ fn distinct(values: &[f64]) -> Vec<f64> {
     distinct
 }
 
+/// A smooth function of one variable.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Basis {
+    /// Legendre polynomial over the variable's range.
+    Legendre(u32),
+    /// Cosine of so many cycles a turn.
+    Cos(u32),
+    /// Sine of so many cycles a turn.
+    Sin(u32),
+}
+
+impl Basis {
+    fn values(self, x: &[f64]) -> Vec<f64> {
+        let (mid, half) = middle(x);
+        let of = |x: &f64| match self {
+            Self::Legendre(k) => legendre(k, (x - mid) / half),
+            Self::Cos(k) => (f64::from(k) * x.to_radians()).cos(),
+            Self::Sin(k) => (f64::from(k) * x.to_radians()).sin(),
+        };
+        x.iter().map(of).collect()
+    }
+}
+
+/// Middle and half width of the range of some values.
+pub(super) fn middle(values: &[f64]) -> (f64, f64) {
+    let (low, high) = range(values);
+    ((low + high) / 2.0, ((high - low) / 2.0).max(1e-12))
+}
+
 /// The constant and the lowest orders that the values of a variable can carry: harmonics round a whole turn,
 /// polynomials otherwise.
-fn smooth(variable: &Variable) -> Vec<Vec<f64>> {
+pub(super) fn smooth(variable: &Variable) -> Vec<Basis> {
     let x = &variable.values;
     let (low, high) = range(x);
     let orders = distinct(x).len() as u32 - 1;
-    let mut functions = vec![vec![1.0; x.len()]];
+    let mut functions = vec![Basis::Legendre(0)];
     if variable.angle && high - low > 270.0 {
-        for k in 1..=SURFACE_HARMONICS.min(orders / 2) {
-            let angle = |x: &f64| (f64::from(k) * x.to_radians()).sin_cos();
-            functions.push(x.iter().map(|x| angle(x).1).collect());
-            functions.push(x.iter().map(|x| angle(x).0).collect());
-        }
+        let harmonics = 1..=SURFACE_HARMONICS.min(orders / 2);
+        functions.extend(harmonics.flat_map(|k| [Basis::Cos(k), Basis::Sin(k)]));
     } else {
-        let half = ((high - low) / 2.0).max(1e-12);
-        for k in 1..=DEGREES.min(orders) {
-            functions.push(x.iter().map(|x| legendre(k, (x - low) / half - 1.0)).collect());
-        }
+        functions.extend((1..=DEGREES.min(orders)).map(Basis::Legendre));
     }
     functions
 }
@@ -314,7 +339,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
 }
 
 /// Upper edges of ranges that hold about as many distinct values each.
-fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
+pub(super) fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
     let distinct = distinct(values);
     (1..count)
         .map(|k| {

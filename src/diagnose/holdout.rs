@@ -3,15 +3,27 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::fit::{Fitted, Fitter};
+use crate::fit::least_squares;
 
 /// Number of folds: many, so that nearly all of the data fit the model that the rest judge.
 const FOLDS: usize = 20;
 
-/// Root mean square of what a model leaves on held-out sites, mm; the model is refitted (linearly, about its
-/// solution) without them.
+/// Root mean square of what a model leaves on held-out sites, mm; its effects are refitted (linearly, about its solution)
+/// without them. The baseline's own parameters are of the set-up (where the target was put), are in no model file, and are found
+/// anew in every run: they are taken from all sites, and what they take of the noise is added again, so that the true model
+/// would leave the noise, no more and no less.
 pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
     let layout = fitter.experiment.layout();
     let mut white = fitter.whiten(&fitted.tangent, &fitted.noise);
+    let setup = 0..fitted.model.nuisances.len();
+    let of_setup = fitted.tangent.columns_range(setup.clone()).into_owned();
+    let setup_white = white.columns_range(setup.clone()).into_owned();
+    let setup_covariance = match setup.len() {
+        0 => DMatrix::zeros(0, 0),
+        _ => least_squares::covariance(&setup_white, 1e-9).0,
+    };
+    let found = &setup_covariance * setup_white.transpose();
+    let taken = &of_setup * setup_covariance;
     let scale: Vec<f64> = white.column_iter().map(|c| c.norm().max(1e-300)).collect();
     white.column_iter_mut().zip(&scale).for_each(|(mut c, s)| c /= *s);
     let column = DMatrix::from_column_slice(fitted.residual.len(), 1, &fitted.residual);
@@ -31,11 +43,15 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
                 solved.unwrap_or_else(|_| DMatrix::zeros(n, 1))
             }
         };
+        step.rows_range_mut(setup.clone()).fill(0.0);
+        let beyond = &residual - &white * &step;
         step.iter_mut().zip(&scale).for_each(|(v, s)| *v /= s);
+        step.rows_range_mut(setup.clone()).copy_from(&(&found * beyond));
         let predicted = &fitted.tangent * step;
         for (i, &g) in layout.groups.iter().enumerate() {
             if out(g) && fitter.space.kept(i) {
                 sum += (fitted.residual[i] - predicted[(i, 0)]).powi(2);
+                sum += taken.row(i).dot(&of_setup.row(i));
                 count += 1.0;
             }
         }

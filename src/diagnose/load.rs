@@ -9,7 +9,7 @@ use crate::diagnose::data::columns::ColumnsExperiment;
 use crate::diagnose::data::rod::RodExperiment;
 use crate::diagnose::data::rtcp::RtcpExperiment;
 use crate::diagnose::experiment::Experiment;
-use crate::diagnose::own::{self, OwnEffects};
+use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
 
@@ -60,12 +60,15 @@ impl Source {
     /// Reads everything.
     pub fn load(&self, warnings: &mut Vec<String>) -> Result<Box<dyn Experiment>> {
         let machine = self.machine()?;
-        let Some(path) = &self.effects else { return self.library(&machine, warnings) };
         let kind = self.kind.to_possible_value();
-        let entries = own::read(path, kind.as_ref().map_or("", |k| k.get_name()))?;
-        let (rest, taken) = own::split(&machine, &entries);
-        let inner = self.library(&rest, warnings)?;
-        Ok(Box::new(OwnEffects::new(inner, path, entries, &taken)?))
+        let kind = kind.as_ref().map_or("", |k| k.get_name());
+        let of_file = self.effects.as_ref().map(|path| own::read(path, kind)).transpose()?;
+        let mut entries = of_file.unwrap_or_default();
+        let mut of_machine = own::of_machine(&machine, kind);
+        of_machine.retain(|e| !entries.iter().any(|o| o.name == e.name));
+        entries.extend(of_machine);
+        let path = self.effects.as_ref().or(self.model.as_ref()).unwrap_or(&self.data);
+        own::around(&machine, path, entries, |rest| self.library(rest, warnings))
     }
 
     /// The experiment with the library alone.

@@ -7,6 +7,7 @@ pub mod effects;
 mod exchange;
 pub mod experiment;
 pub mod fit;
+mod formula;
 pub mod generic;
 pub mod holdout;
 pub mod load;

@@ -1,12 +1,13 @@
-//! The model file: named effects with their parameters, added to `machine.toml`.
+//! The model file: what was found, added to `machine.toml`: named effects with their parameters, shapes without a name as formulas.
 
 use std::collections::BTreeMap;
 
-use crate::diagnose::report::Report;
+use crate::diagnose::report::{NamedEffect, Report, Unnamed};
 use crate::machine::{Effect, Machine};
 
 /// The machine with the report's named effects added. An effect that is already there in the same form is corrected: its
-/// parameters add up, those that belong to the form (lags, pitches, switches) are replaced.
+/// parameters add up, those that belong to the form (lags, pitches, switches) are replaced. What has a shape but no name is added
+/// as a formula, so that the model predicts it all the same.
 pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
     let mut machine = machine.clone();
     for named in &report.effects {
@@ -22,13 +23,52 @@ pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
                 name: named.name.clone(),
                 parameters: named.parameters.clone(),
                 parameters_u95: named.parameters_u95.clone(),
+                ..Effect::default()
             }),
+        }
+    }
+    for shape in &report.unnamed {
+        if let Some(formula) = &shape.formula {
+            let effect = unnamed(&machine, &report.kind, shape, formula);
+            machine.effects.push(effect);
         }
     }
     machine
 }
 
-fn add(old: &mut BTreeMap<String, f64>, named: &crate::diagnose::report::NamedEffect) {
+/// What was found and cannot be written into a model file, in words.
+pub fn left_out(report: &Report) -> Vec<String> {
+    let shapeless = report.unnamed.iter().filter(|u| u.formula.is_none());
+    let shapeless = shapeless.map(|u| format!("not in the written model: {}", u.text));
+    let bent = report.effects.iter().filter(|e| !e.form_corrected_over.is_empty()).map(|e| {
+        let over = e.form_corrected_over.join(", ");
+        format!("not in the written model: how the size of {} changes with {over}", e.name)
+    });
+    shapeless.chain(bent).collect()
+}
+
+/// A shape without a name as an effect of a name that the machine does not have yet.
+fn unnamed(machine: &Machine, kind: &str, shape: &Unnamed, formula: &str) -> Effect {
+    let of = format!("unnamed-{}-over-{}", shape.output, shape.versus);
+    let of = of.replace(", ", "-").replace('_', "-");
+    let taken = |name: &String| machine.effects.iter().any(|e| e.name == *name);
+    let others = (2..).map(|k| format!("{of}-{k}"));
+    let name = std::iter::once(of.clone()).chain(others).find(|n| !taken(n)).unwrap_or(of.clone());
+    let amplitude = "amplitude_mm".to_owned();
+    Effect {
+        name,
+        kind: Some(kind.into()),
+        outputs: [(shape.output.clone(), format!("{amplitude}*({formula})"))].into(),
+        parameters_u95: shape
+            .amplitude_u95_mm
+            .map(|u| (amplitude.clone(), u))
+            .into_iter()
+            .collect(),
+        parameters: [(amplitude, shape.amplitude_mm)].into(),
+    }
+}
+
+fn add(old: &mut BTreeMap<String, f64>, named: &NamedEffect) {
     for (key, value) in &named.parameters {
         let fitted = named.parameters_u95.contains_key(key);
         let form = ["lag_s", "rise_s", "pitch_mm"].contains(&key.as_str());

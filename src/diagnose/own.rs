@@ -12,7 +12,7 @@ use crate::diagnose::experiment::{
     Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
 use crate::error::{Error, Result};
-use crate::machine::Machine;
+use crate::machine::{Effect, Machine};
 use crate::tomlfile;
 
 /// Columns that some kind of data may have; a formula may ask for them, and cannot be tested without them.
@@ -41,6 +41,9 @@ const COLUMNS: &[&str] = &[
     "frame_v_mm",
     "frame_radius_mm",
 ];
+
+/// Least size that a parameter of a model file is taken to have: it may be zero.
+const LEAST_TYPICAL: f64 = 1e-6;
 
 /// An effects file: `docs/diagnose.md` explains each key.
 #[derive(Debug, Clone, Deserialize)]
@@ -152,18 +155,42 @@ pub fn read(path: impl AsRef<Path>, kind: &str) -> Result<Vec<Entry>> {
     Ok(file.effects.into_iter().filter(|e| e.kind == kind).collect())
 }
 
-/// The machine without its effects of these names, and those effects: the library must not be asked for them.
-pub fn split(machine: &Machine, entries: &[Entry]) -> (Machine, Machine) {
-    let own = |name: &str| entries.iter().any(|e| e.name == name);
+/// The effects of one kind of data that a machine file holds as formulas.
+pub fn of_machine(machine: &Machine, kind: &str) -> Vec<Entry> {
+    let typical = |v: &f64| Prior { typical: v.abs().max(LEAST_TYPICAL), grid: Vec::new() };
+    let of_kind = |e: &&Effect| !e.outputs.is_empty() && e.kind.as_deref() == Some(kind);
+    let entry = |e: &Effect| Entry {
+        name: e.name.clone(),
+        kind: kind.into(),
+        meaning: "a formula of the model file".into(),
+        best: String::new(),
+        parameters: e.parameters.iter().map(|(name, v)| (name.clone(), typical(v))).collect(),
+        outputs: e.outputs.clone(),
+    };
+    machine.effects.iter().filter(of_kind).map(entry).collect()
+}
+
+/// The experiment that `library` makes of a machine's effects of the library, with the effects of `entries` around it, which
+/// `path` gives; the library is not asked for those.
+pub fn around(
+    machine: &Machine,
+    path: &Path,
+    entries: Vec<Entry>,
+    library: impl FnOnce(&Machine) -> Result<Box<dyn Experiment>>,
+) -> Result<Box<dyn Experiment>> {
+    if entries.is_empty() {
+        return library(machine);
+    }
+    let own = |e: &Effect| entries.iter().any(|o| o.name == e.name);
     let (mut rest, mut taken) = (machine.clone(), machine.clone());
-    rest.effects.retain(|e| !own(&e.name));
-    taken.effects.retain(|e| own(&e.name));
-    (rest, taken)
+    rest.effects.retain(|e| !own(e));
+    taken.effects.retain(own);
+    Ok(Box::new(OwnEffects::new(library(&rest)?, path, entries, &taken)?))
 }
 
 impl OwnEffects {
     /// Puts the effects of `path` beside those of `inner`; `machine` has those of them the model holds already.
-    pub fn new(
+    fn new(
         inner: Box<dyn Experiment>,
         path: &Path,
         entries: Vec<Entry>,

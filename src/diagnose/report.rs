@@ -65,6 +65,10 @@ pub struct Unnamed {
     pub shape: String,
     /// Its amplitude.
     pub amplitude_mm: f64,
+    /// Half-width of its 95 % interval; none for what has no shape.
+    pub amplitude_u95_mm: Option<f64>,
+    /// The shape as a formula of the columns, for an amplitude of 1; none for what has no shape.
+    pub formula: Option<String>,
     /// The same in words.
     pub text: String,
 }

@@ -385,12 +385,15 @@ fn unnamed(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Unnamed> {
             let at = offsets[f.model.active.len() + i];
             let own = 0..term.own_columns(e.values.len());
             let variance = own.map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
+            let u95 = k * variance.sqrt();
             Some(Unnamed {
                 output: layout.directions[term.direction].name.into(),
                 versus: term.versus(layout),
                 shape: term.shape_name(),
                 amplitude_mm: amplitude,
-                text: term.text(layout, amplitude, k * variance.sqrt()),
+                amplitude_u95_mm: Some(u95),
+                formula: (amplitude > 0.0).then(|| term.formula(layout, &e.values, amplitude)),
+                text: term.text(layout, amplitude, u95),
             })
         })
         .collect()
@@ -404,7 +407,8 @@ fn unstructured(fitter: &Fitter, f: &Fitted) -> Unnamed {
     let text = format!(
         "captures scatter more than the noise allows, in no shape of the dictionary; most in {output} over {versus}"
     );
-    Unnamed { output, versus, shape: "unstructured".into(), amplitude_mm, text }
+    let shape = "unstructured".into();
+    Unnamed { output, versus, shape, amplitude_mm, amplitude_u95_mm: None, formula: None, text }
 }
 
 /// The ranges in which the residuals exceed the noise most: eight bins of each variable, each output.

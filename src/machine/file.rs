@@ -123,12 +123,18 @@ pub struct AxisEntry {
     pub limits_deg: Option<[f64; 2]>,
 }
 
-/// `[[effects]]`: one fault and its size; the effects library gives the names their meaning.
+/// `[[effects]]`: one fault and its size; the effects library gives the names their meaning, or the entry itself has formulas.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Effect {
-    /// The library's name.
+    /// The library's name, or any other with formulas.
     pub name: String,
+    /// The kind of data that formulas are of.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<String>,
+    /// What it adds to each output of such data, mm: formulas of columns and parameters (`docs/diagnose.md`).
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub outputs: BTreeMap<String, String>,
     /// Parameters by name, with the unit in the name.
     #[serde(default)]
     pub parameters: BTreeMap<String, f64>,
