@@ -10,7 +10,7 @@ use paint::{Canvas, Sensor};
 use pivotsight::camera::{Calibration, Lens, Mapping};
 use pivotsight::fit::{Circle, circle};
 use pivotsight::frame::{Channel, Gray, Picture};
-use pivotsight::measure::{CircleReport, circles, rod};
+use pivotsight::measure::{CircleReport, burn, circles, rod};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
@@ -349,6 +349,31 @@ fn saturation() {
     let error = (Vector2::from(found.center_mm) - plane(center)).norm() / MM_PER_PX;
     println!("saturation: plain way {bias:.4} px, program {error:.5} px");
     assert!(bias > 0.1 && error < 0.1 * bias, "{error} of {bias}");
+}
+
+/// A ring may be a line hardly wider than its own softness: blurred until noise is gone, its outer edge nearly is too. The
+/// ring is still the outer edge, not the stronger-looking inner one.
+#[test]
+fn a_ring_that_is_a_narrow_line() {
+    let (center, radius) = (Vector2::new(352.3, 347.4), 250.0);
+    let noisy = Sensor { noise: 0.02, ..QUIET };
+    for sd in [3.0, 3.5, 4.0, 4.5, 5.5, 8.0] {
+        let outer = radius + 1.1774 * sd;
+        let mut canvas = Canvas::new(SIDE, SIDE, 3, 0.7);
+        canvas.paint(|p, old| {
+            let from_line = ((p - center).norm() - radius) / sd;
+            let spot = cover((p - center).norm() - 40.0);
+            (old - 0.5 * (-0.5 * from_line * from_line).exp()) * (1.0 - spot) + 0.1 * spot
+        });
+        canvas.blur(1.0);
+        let picture = canvas.picture(noisy, &mut rng());
+        let found = burn::measure(&picture, &scale(), &burn::Options::default(), "painted");
+        let ring = found.unwrap().report.ring;
+        let error_px = 0.5 * ring.diameter_mm / MM_PER_PX - outer;
+        println!("line of {sd} px: radius off by {error_px:.3} px");
+        assert!(error_px.abs() < 0.3 * sd, "{error_px} px of a line of {sd} px");
+        assert!((Vector2::from(ring.center_mm) - plane(center)).norm() < 0.2 * MM_PER_PX);
+    }
 }
 
 /// (0, 0) is the middle of the first pixel: places in a picture and in the same one turned by 180° add up to the last

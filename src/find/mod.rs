@@ -65,7 +65,7 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
     for hint in &hints {
         let Some(candidate) = rays::follow(look, hint, options, &found) else { continue };
         match found.iter_mut().find(|c| same(c, &candidate)) {
-            Some(old) if old.score < candidate.score => *old = candidate,
+            Some(old) if better(&candidate, old) => *old = candidate,
             Some(_) => {}
             None => found.push(candidate),
         }
@@ -84,6 +84,16 @@ fn same(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.center - b.circle.center).norm() < 2.0 * near
         && (a.circle.radius - b.circle.radius).abs() < near
         && a.step.signum() == b.step.signum()
+}
+
+/// Whether a circle seen again is seen better: with the higher score, unless the blur at which it was seen has eaten into
+/// its step, as it does where the circle is a narrow line, and moved it.
+fn better(new: &Candidate, old: &Candidate) -> bool {
+    const EATEN: f64 = 0.7;
+    let eaten = |a: &Candidate, b: &Candidate| {
+        a.step.abs() < EATEN * b.step.abs() && a.coverage < 1.1 * b.coverage
+    };
+    !eaten(new, old) && (eaten(old, new) || new.score > old.score)
 }
 
 /// A reduced picture of `frame` for finding circles.

@@ -14,7 +14,7 @@ const LEAST_PLACES: usize = 12;
 /// Radii from a circle's own down to an eighth that may say it where its own finds no room: small circles differ more.
 const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 
-/// Where they are read, in radii from the edge: well inside and well outside of a disc, or close by a ring's edge.
+/// Where they are read: well inside and well outside of a disc, or close by a ring's edge.
 #[derive(Clone, Copy)]
 pub enum Sides {
     /// Of a spot, which is a disc.
@@ -23,11 +23,26 @@ pub enum Sides {
     Edge,
 }
 
+/// How far from the edge they are read, in radii.
+type Depths = [f64; 3];
+
 impl Sides {
-    fn depths(self) -> [f64; 3] {
+    /// By a ring's edge no farther than most of the way to the next of `marks` about the same centre: a ring may be a line.
+    fn depths(self, circle: Circle, marks: &[Circle]) -> Depths {
+        const MOST: f64 = 0.12;
+        const TO_NEXT: f64 = 0.75;
+        const SAME_CENTER: f64 = 0.05;
+        let gap = |m: &Circle| {
+            let apart = (m.center - circle.center).norm() / circle.radius;
+            let gap = (m.radius / circle.radius - 1.0).abs() - apart;
+            (apart < SAME_CENTER && gap > 0.0).then_some(TO_NEXT * gap)
+        };
         match self {
             Sides::Disc => [0.1, 0.25, 0.4],
-            Sides::Edge => [0.04, 0.08, 0.12],
+            Sides::Edge => {
+                let deepest = marks.iter().filter_map(gap).fold(MOST, f64::min);
+                [deepest / 3.0, 2.0 * deepest / 3.0, deepest]
+            }
         }
     }
 }
@@ -46,15 +61,26 @@ pub fn stands_out(look: &Look, c: &Candidate, sides: Sides, marks: &[Circle]) ->
 /// bare surface to tell. Full-picture pixels.
 fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Option<f64> {
     let radius = circle.radius / look.factor as f64;
-    let here = difference(look, look.reduced(circle.center), radius, sides, marks)?;
-    let usual = SMALLER.iter().find_map(|part| usual(look, circle, part * radius, sides, marks))?;
+    let depths = sides.depths(circle, marks);
+    let here = difference(look, look.reduced(circle.center), radius, depths, marks)?;
+    // Within a ring's edge there is bare surface too, within a spot there is not.
+    let inside = matches!(sides, Sides::Edge);
+    let usual = |part: &f64| usual(look, circle, part * radius, depths, inside, marks);
+    let usual = SMALLER.iter().find_map(usual)?;
     Some(here.abs() / usual.max(1e-9))
 }
 
 /// Standard deviation of the difference that circles of a radius show on the bare surface, reduced pixels.
-fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle]) -> Option<f64> {
+fn usual(
+    look: &Look,
+    circle: Circle,
+    radius: f64,
+    depths: Depths,
+    inside: bool,
+    marks: &[Circle],
+) -> Option<f64> {
     let (w, h) = look.size();
-    let reach = (1.1 + sides.depths()[2]) * radius;
+    let reach = (1.1 + depths[2]) * radius;
     let reach_px = reach * look.factor as f64;
     let clear = |p: Vector2<f64>| {
         let full = look.full(p);
@@ -62,7 +88,7 @@ fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle
         // Beside a mark, or within it where it is a ring's inner edge and the place is clear of the circle in question.
         marks.iter().all(|m| (apart(m) - m.radius).abs() > reach_px)
             && (apart(&circle) - circle.radius).abs() > reach_px
-            && (matches!(sides, Sides::Edge) || apart(&circle) > circle.radius)
+            && (inside || apart(&circle) > circle.radius)
     };
     let step = (0.5 * radius).max(3.0);
     let count = |size: usize| ((size as f64 - 2.0 * reach) / step).max(0.0) as usize;
@@ -71,7 +97,7 @@ fn usual(look: &Look, circle: Circle, radius: f64, sides: Sides, marks: &[Circle
         .flat_map(|j| (0..=columns).map(move |i| (i, j)))
         .map(|(i, j)| Vector2::new(reach + i as f64 * step, reach + j as f64 * step))
         .filter(|p| clear(*p))
-        .filter_map(|p| difference(look, p, radius, sides, &[]))
+        .filter_map(|p| difference(look, p, radius, depths, &[]))
         .map(f64::abs)
         .collect();
     if differences.len() < LEAST_PLACES {
@@ -86,7 +112,7 @@ fn difference(
     look: &Look,
     center: Vector2<f64>,
     radius: f64,
-    sides: Sides,
+    depths: Depths,
     marks: &[Circle],
 ) -> Option<f64> {
     let image = &look.scales[0].1;
@@ -95,7 +121,7 @@ fn difference(
         let (s, c) = (std::f64::consts::TAU * i as f64 / RAYS as f64).sin_cos();
         let at = |r: f64| center + Vector2::new(c, s) * (r * radius);
         let within = |p: Vector2<f64>, m: &Circle| (look.full(p) - m.center).norm() < m.radius;
-        for depth in sides.depths() {
+        for depth in depths {
             let (inner, outer) = (at(1.0 - depth), at(1.0 + depth));
             if marks.iter().all(|m| within(inner, m) == within(outer, m)) {
                 let value = |p: Vector2<f64>| f64::from(value_at(image, p.x, p.y));

@@ -40,12 +40,17 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
                 let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
                 // A line's votes spread with distance: what meets at a far centre counts as much as near.
                 let steps = within(x, sx, aw as f32).min(within(y, sy, ah as f32));
-                for i in 0..steps.min(((far - near) as f32 / cell) as usize + 1) {
-                    let (u, v) = ((x + i as f32 * sx) as usize, (y + i as f32 * sy) as usize);
+                let steps = steps.min(((far - near) as f32 / cell) as usize + 1);
+                // In whole numbers of a part of a cell: a line's cells are found by adding.
+                let (mut u, mut v) = (fixed(x), fixed(y));
+                for _ in 0..steps {
+                    let at = (v >> FRACTION) as usize * aw + (u >> FRACTION) as usize;
                     // Rounding may lead a line's end over the border.
-                    if let Some(cell) = votes.data.get_mut(v * aw + u) {
+                    if let Some(cell) = votes.data.get_mut(at) {
                         *cell += weight;
                     }
+                    u += fixed(sx);
+                    v += fixed(sy);
                 }
             }
         }
@@ -83,6 +88,14 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
         }
     }
     kept
+}
+
+/// Bits for the fraction of a cell.
+const FRACTION: u32 = 16;
+
+/// A place in cells as a whole number; frames are far less than 2^15 cells wide.
+fn fixed(cells: f32) -> i32 {
+    (cells * (1 << FRACTION) as f32) as i32
 }
 
 /// Steps of a line from `start`, each by `step`, that stay in 0..`size`.

@@ -15,6 +15,8 @@ use crate::measure::ring::{self, Ring, Search};
 const TRIES: usize = 4;
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
+/// A ring's step as a part of another's that has no spot.
+const FAINT: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
 const ON_EDGE: f64 = 2.0;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
@@ -55,7 +57,12 @@ pub(super) fn measure(
     let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
     let rings = ring_candidates(&steady, 0.06 * side);
     let mut lone_ring = false;
+    let mut lone_step = 0.0f64;
     for outer in rings.iter().take(TRIES) {
+        // Beside a clear ring without a spot the faintest circles are no rings.
+        if outer.step.abs() < FAINT * lone_step {
+            continue;
+        }
         let stands_out = |c: &Candidate, sides: Sides| {
             let least_step = 0.3 * outer.step.abs();
             let others = steady.iter().filter(|e| e.step.abs() > least_step && !alike(e, c));
@@ -68,6 +75,7 @@ pub(super) fn measure(
         let spots = spot_candidates(&look, outer);
         if spots.is_empty() {
             lone_ring = true;
+            lone_step = lone_step.max(outer.step.abs());
             continue;
         }
         if near_mm.is_none()
