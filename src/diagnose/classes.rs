@@ -23,19 +23,32 @@ pub struct Rival {
 
 /// The rivals of each named effect, every form of theirs, likeliest first.
 pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
+    let mut all = stand_ins(fitter, selection);
+    for (class, own) in all.iter_mut().zip(&selection.fitted.model.active) {
+        class.retain(|r| r.effect != own.effect);
+    }
+    all
+}
+
+/// What could stand in each named effect's place: its rivals, and its own other forms.
+pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
     let f = &selection.fitted;
     (0..f.model.active.len())
         .map(|i| {
             let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
             let Some(own) = own else { return Vec::new() };
-            let taken: Vec<usize> = f.model.active.iter().map(|a| a.effect).collect();
+            let named = &f.model.active[i];
+            let taken = |effect: usize| {
+                effect != named.effect && f.model.active.iter().any(|a| a.effect == effect)
+            };
             let mut best: Vec<Rival> = Vec::new();
             for s in standing.scores(fitter, f, &selection.library) {
                 let Who::Effect(a) = &selection.library.candidates[s.candidate].who else {
                     continue;
                 };
                 let deficit = own.evidence - s.evidence;
-                if taken.contains(&a.effect) || deficit > RULED_OUT || s.evidence <= 0.0 {
+                let here = (a.effect, a.form) == (named.effect, named.form);
+                if here || taken(a.effect) || deficit > RULED_OUT || s.evidence <= 0.0 {
                     continue;
                 }
                 let rival =

@@ -2,9 +2,9 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::diagnose::classes::{Rival, rivals};
+use crate::diagnose::classes::{Rival, stand_ins};
 use crate::diagnose::experiment::PlannedCapture;
-use crate::diagnose::fit::Fitter;
+use crate::diagnose::fit::{Fitter, Model};
 use crate::diagnose::noise::Space;
 use crate::diagnose::parts::{Part, remove};
 use crate::diagnose::pool::Who;
@@ -25,7 +25,7 @@ const LEAST_PARTED: f64 = 4.0;
 pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMeasurement> {
     let f = &selection.fitted;
     let effects = fitter.experiment.effects();
-    let classes = rivals(fitter, selection);
+    let classes = stand_ins(fitter, selection);
     let mut separates: Vec<String> = Vec::new();
     let mut words: Vec<String> = Vec::new();
     let mut add = |effect: usize| {
@@ -35,9 +35,11 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
             separates.push(info.name.to_string());
         }
     };
-    for (active, class) in f.model.active.iter().zip(&classes).filter(|(_, c)| !c.is_empty()) {
-        add(active.effect);
-        class.iter().for_each(|rival| add(rival.effect));
+    for (active, class) in f.model.active.iter().zip(&classes) {
+        if class.iter().any(|r| r.effect != active.effect) {
+            add(active.effect);
+            class.iter().for_each(|rival| add(rival.effect));
+        }
     }
     if separates.is_empty() {
         return None;
@@ -107,39 +109,51 @@ fn pairs(
     let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
     let before = layout.group_count() - proposals.len();
     let noise = f.noise.without_rim(&fitter.space);
-    let named = experiment.predict(&f.model.nuisances, &f.model.active);
+    // Shapes without a name are columns of the data at hand; they are the same on both sides.
+    let swapped = |i: usize, by: &Rival| -> Option<Model> {
+        let Who::Effect(active) = &selection.library.candidates[by.candidate].who else {
+            return None;
+        };
+        let mut swapped = remove(&f.model, Part::Effect(i));
+        swapped.active.push(active.clone());
+        let model = fitter.fit(swapped, Some(&f.noise)).model;
+        Some(Model { extras: Vec::new(), ..model })
+    };
     let mut list = Vec::new();
     for (i, class) in classes.iter().enumerate() {
-        for rival in class {
-            let Who::Effect(active) = &selection.library.candidates[rival.candidate].who else {
-                continue;
-            };
-            let mut swapped = remove(&f.model, Part::Effect(i));
-            swapped.active.push(active.clone());
-            let mut swapped = fitter.fit(swapped, Some(&f.noise)).model;
-            // Shapes without a name are columns of the data at hand; they are the same on both sides.
-            swapped.extras.clear();
-            let other = plan.predict(&swapped);
-            let d = DMatrix::from_fn(named.len(), 1, |r, _| named[r] - other[r]);
-            let d = plan.whiten(&d, &noise);
-            let mut tangent = plan.whiten(&plan.tangent(&swapped, &other), &noise);
+        // The named effect may be there in another form, which the rival must not be able to follow either.
+        let (others, rivals): (Vec<&Rival>, Vec<&Rival>) =
+            class.iter().partition(|r| r.effect == f.model.active[i].effect);
+        if rivals.is_empty() {
+            continue;
+        }
+        let found = Model { extras: Vec::new(), ..f.model.clone() };
+        let forms = std::iter::once(found).chain(others.iter().filter_map(|form| swapped(i, form)));
+        let forms: Vec<Vec<f64>> = forms.map(|m| plan.predict(&m)).collect();
+        for other in rivals.iter().filter_map(|rival| swapped(i, rival)) {
+            let predicted = plan.predict(&other);
+            let mut tangent = plan.whiten(&plan.tangent(&other, &predicted), &noise);
             for mut column in tangent.column_iter_mut() {
                 let norm = column.norm();
                 column /= if norm > 0.0 { norm } else { 1.0 };
             }
-            let evidence = |rows: Vec<usize>| {
-                let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
-                Evidence {
-                    squares: d.norm_squared(),
-                    along: j.tr_mul(&d).column(0).into_owned(),
-                    information: j.tr_mul(&j),
-                }
-            };
-            let mut own = evidence(plan.space.rows_of(&|g| g < before));
-            // Parameters that the data do not determine must not make the system singular.
-            (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
-            let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
-            list.push(Pair { own, proposals: (0..proposals.len()).map(of).collect() });
+            for form in &forms {
+                let d = DMatrix::from_fn(form.len(), 1, |r, _| form[r] - predicted[r]);
+                let d = plan.whiten(&d, &noise);
+                let evidence = |rows: Vec<usize>| {
+                    let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
+                    Evidence {
+                        squares: d.norm_squared(),
+                        along: j.tr_mul(&d).column(0).into_owned(),
+                        information: j.tr_mul(&j),
+                    }
+                };
+                let mut own = evidence(plan.space.rows_of(&|g| g < before));
+                // Parameters that the data do not determine must not make the system singular.
+                (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
+                let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
+                list.push(Pair { own, proposals: (0..proposals.len()).map(of).collect() });
+            }
         }
     }
     list
