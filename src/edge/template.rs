@@ -90,16 +90,17 @@ impl Template {
         let softness = |rise: f64| {
             rise.abs() / (slope[peak].abs().max(1e-300) * (2.0 * std::f64::consts::PI).sqrt())
         };
-        let crossing_px = |lo: usize, hi: usize| {
-            let half = 0.5 * (self.values[lo] + self.values[hi]);
+        // Where a part of the rise from one node to another is reached.
+        let crossing_px = |lo: usize, hi: usize, part: f64| {
+            let level = self.values[lo] + part * (self.values[hi] - self.values[lo]);
             let at = (lo..hi).find_map(|i| {
-                let (a, b) = (self.values[i] - half, self.values[i + 1] - half);
+                let (a, b) = (self.values[i] - level, self.values[i + 1] - level);
                 (a * b <= 0.0 && a != b).then(|| i as f64 + a / (a - b))
             });
             self.start_px + self.step_px * at.unwrap_or(peak as f64)
         };
         let (inner, outer) = (self.values[lo], self.values[hi]);
-        let (distance_px, softness_px) = (crossing_px(lo, hi), softness(outer - inner));
+        let (distance_px, softness_px) = (crossing_px(lo, hi, 0.5), softness(outer - inner));
         // A heat tint or a shadow beside the edge goes on sloping: the rim's own levels are where it has risen.
         for _ in 0..3 {
             let reach = RISEN * softness(self.values[hi] - self.values[lo]) / self.step_px;
@@ -107,7 +108,48 @@ impl Template {
             lo = lo.max(peak.saturating_sub(reach));
             hi = hi.min(peak + reach);
         }
-        Step { distance_px, rim_px: crossing_px(lo, hi), inner, outer, softness_px }
+        let middle_px = crossing_px(lo, hi, 0.5);
+        let quartiles_px = [crossing_px(lo, hi, 0.25), middle_px, crossing_px(lo, hi, 0.75)];
+        let (moved_px, perhaps_px) = self.tint_px(lo, hi, quartiles_px, softness_px);
+        let rim_px = middle_px - moved_px;
+        /// What a tint has moved an edge by is known to this part of it (standard deviation), as is what it may have.
+        const DOUBT: f64 = 0.3;
+        let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
+        Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px }
+    }
+
+    /// How far a tint that fades away on one side of the rim has moved the rim's middle level, and how far it may have besides,
+    /// where the rim rises from node `lo` to `hi` with these quartiles. The tint shows twice: the rim leans, its outer half
+    /// reaching farther than its inner one or the other way round, and the profile goes on beyond the rim. One alone may be
+    /// a mark's own form: a line's flank leans too.
+    fn tint_px(
+        &self,
+        lo: usize,
+        hi: usize,
+        [first, middle, last]: [f64; 3],
+        softness_px: f64,
+    ) -> (f64, f64) {
+        /// Exponential tails on Gaussian edges move their middle by as many softnesses as this times what they lean.
+        const MOVES: f64 = 5.0;
+        /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, with so much more it is.
+        const FADES: (f64, f64) = (0.03, 0.03);
+        /// Softness that a lens in focus explains.
+        const LENS_PX: f64 = 1.5;
+        let leans = (first + last - 2.0 * middle) / (last - first).max(self.step_px);
+        let v = &self.values;
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let third = if leans > 0.0 { (v.len() - hi).div_ceil(3) } else { (lo + 1).div_ceil(3) };
+        let beyond = if leans > 0.0 {
+            mean(&v[v.len() - third..]) - v[hi]
+        } else {
+            v[lo] - mean(&v[..third])
+        };
+        let rise = v[hi] - v[lo];
+        let fades = if rise == 0.0 { 0.0 } else { beyond / rise };
+        let share = ((fades - FADES.0) / FADES.1).clamp(0.0, 1.0);
+        let own = 1.0 - (LENS_PX / softness_px).min(1.0);
+        let moves_px = MOVES * leans * own * softness_px;
+        (moves_px * share, moves_px * (1.0 - share))
     }
 }
 
@@ -116,8 +158,11 @@ impl Template {
 pub struct Step {
     /// Where it crosses the middle between its levels.
     pub distance_px: f64,
-    /// Where it crosses the middle between the levels close by, which a tint or shadow beside it moves less.
+    /// Where it crosses the middle between the levels close by, which a tint or shadow beside it moves less, without what a
+    /// tint moves it still.
     pub rim_px: f64,
+    /// Standard deviation of that place as far as it is a matter of what is called tint.
+    pub rim_sd_px: f64,
     /// Level on the inside.
     pub inner: f64,
     /// Level on the outside.

@@ -88,11 +88,15 @@ impl Ring {
 
     /// The same for an edge that may be out of focus or soft by itself: the radius is as uncertain as for the latter.
     pub fn perhaps_soft(mut self) -> Self {
-        /// A tinted edge's middle may be out of place by this part of its softness (standard deviation).
-        const TINTED: f64 = 0.18;
+        /// A soft edge's rim may be out of place by this part of its softness (standard deviation), and the more the more ragged
+        /// it is: a ragged edge's tint cannot be told from its raggedness.
+        const LEAST: f64 = 0.03;
+        const RAGGED: f64 = 0.9;
+        const MOST_RAGGED: f64 = 0.2;
         let own_mm = self.own_blur_mm();
         let softness_mm = (2.0 * self.circle.radius * self.blur_mm).max(0.0).sqrt();
-        let tinted_mm = TINTED * softness_mm * (1.0 - self.lens_share());
+        let ragged = (self.form_rms_mm / softness_mm.max(1e-9)).min(MOST_RAGGED);
+        let tinted_mm = (LEAST + RAGGED * ragged) * softness_mm * (1.0 - self.lens_share());
         self.covariance[(2, 2)] += own_mm * own_mm / 3.0 + tinted_mm * tinted_mm;
         self
     }
@@ -284,8 +288,7 @@ fn finish(
     let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
-    // How far a lopsided edge's rim is inside of it is a matter of definition.
-    covariance[(2, 2)] += tint_mm * tint_mm / 3.0;
+    covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
     let soft_mm = SOFT_EDGE * (points.located.step.softness_px - 3.0).max(0.0) * pixel_mm;
     let leaning_mm = LEANING * points.located.leaning_px * pixel_mm;
     for i in 0..2 {
