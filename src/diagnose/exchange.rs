@@ -11,7 +11,8 @@ use crate::diagnose::select::{Selection, library_bonus};
 const SECOND_NAME: f64 = 3.0;
 /// An exchange of like for like must gain this much, nats, so that aliases do not take turns.
 const LEAST_GAIN: f64 = 1.0;
-/// A pair that leaves this much more noise than what it replaced fits worse, whatever the linearised score said.
+/// What leaves this much more noise than what it replaced fits worse, whatever the linearised score said: unless it is likelier,
+/// as names are than a shape that fitted the first output too well and left the others as they were.
 const MORE_NOISE: f64 = 1.03;
 /// Names tried beneath a free function.
 const NAMES_UNCOVERED: usize = 3;
@@ -31,9 +32,8 @@ impl Selection {
             let layout = fitter.experiment.layout();
             let (more, captures) = (next.rank as f64 - f.rank as f64, layout.group_count() as f64);
             let price = more * captures / (captures - more - 1.0).max(1.0);
-            if next.noise.level_mm() > MORE_NOISE * f.noise.level_mm()
-                || (!layout.random.is_empty() && gain < price)
-            {
+            let noisier = next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0];
+            if (noisier && gain < 0.0) || (!layout.random.is_empty() && gain < price) {
                 return;
             }
             self.fitted = next;
@@ -144,7 +144,7 @@ impl Selection {
                 Part::Extra(both.model.extras.len() - 1),
             ];
             // Both are judged with the noise of the one, or a poorer fit would look better.
-            let ratio = (both.noise.level_mm() / f.noise.level_mm()).powi(2);
+            let ratio = (both.noise.sigma_mm[0] / f.noise.sigma_mm[0]).powi(2);
             let gain =
                 without(fitter, &both, &pair).1.map_or(f64::MIN, |s| s.evidence * ratio) - own;
             if ratio < MORE_NOISE.powi(2)

@@ -472,13 +472,6 @@ impl Space {
 }
 
 impl Noise {
-    /// Geometric mean of the outputs' standard deviations, mm: what the likelihood of a fit goes by. A shape that fits one
-    /// output too well, and leaves the others as they are, does not lower it much.
-    pub fn level_mm(&self) -> f64 {
-        let ln: f64 = self.sigma_mm.iter().map(|s| s.ln()).sum();
-        (ln / self.sigma_mm.len().max(1) as f64).exp()
-    }
-
     /// The same noise for a space without the rim: its form counts as noise of every point.
     pub fn without_rim(&self, space: &Space) -> Self {
         let mut noise = self.clone();
