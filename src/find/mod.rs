@@ -59,7 +59,7 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
         .into_iter()
         .flat_map(|center| rays::hints(look, center, options))
         .collect();
-    hints.sort_by(|a, b| b.agreement.total_cmp(&a.agreement));
+    hints.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
     let mut found: Vec<Candidate> = Vec::new();
     let mut followed = 0;
     for hint in &hints {

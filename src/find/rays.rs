@@ -26,6 +26,13 @@ pub(super) struct Hint {
     sense: f64,
 }
 
+impl Hint {
+    /// Of circles on which directions agree about as well, the longer is the less likely by chance.
+    pub(super) fn weight(&self) -> f64 {
+        self.agreement * self.circle.radius.sqrt()
+    }
+}
+
 /// What the rays from a centre (reduced pixels) suggest.
 pub(super) fn hints(look: &Look, center: Vector2<f64>, options: Options) -> Vec<Hint> {
     let k = look.factor as f64;

@@ -225,7 +225,7 @@ pub fn measure(
         let softness = points.located.step.softness_px;
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)
-            && (0.6..1.7).contains(&(softness / search.softness_px));
+            && (0.85..1.18).contains(&(softness / search.softness_px));
         search.reach_px = (0.1 * softness).max(0.5);
         search.softness_px = softness.max(0.6);
         if settled {
