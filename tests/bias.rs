@@ -338,7 +338,6 @@ fn gamma() {
 
 /// A plate that is too bright on one side cuts the upper part of the edge off there.
 #[test]
-#[ignore = "not gone yet: clipped pixels count as part of the edge"]
 fn saturation() {
     let (center, radius, blur) = (Vector2::new(350.2, 349.6), 180.0, 2.5);
     let lit = |p: Vector2<f64>| 1.0 + 0.8 / (1.0 + (-(p.x - center.x) / 20.0).exp());

@@ -45,9 +45,11 @@ impl Profiles {
         CLIPS.iter().any(|c| (self.top - c).abs() <= 1e-4 * c).then_some(self.top)
     }
 
-    /// Takes out what glare has clipped: bins at the top value, with a margin, where most sectors are not.
+    /// Takes out what light has clipped: bins at the top value, with a margin, where some sectors are not.
     pub fn mask_glare(&mut self) {
         const MARGIN: usize = 3;
+        /// Where more of the sectors are clipped it is the picture's own background.
+        const BACKGROUND: f64 = 0.85;
         let Some(top) = self.clip() else { return };
         let clipped = |i: usize| self.count[i] > 0.0 && self.value[i] >= top * (1.0 - 1e-4);
         let (bins, sectors) = (self.bins, self.sectors());
@@ -56,8 +58,7 @@ impl Profiles {
             let column = || (0..sectors).map(|s| s * bins + b);
             let seen = column().filter(|&i| self.count[i] > 0.0).count();
             let lost: Vec<usize> = column().filter(|&i| clipped(i)).collect();
-            // Where most sectors are clipped it is the picture's own background.
-            if 2 * lost.len() < seen {
+            if (lost.len() as f64) < BACKGROUND * seen as f64 {
                 for i in lost {
                     let from = b.saturating_sub(MARGIN);
                     let to = (b + MARGIN).min(bins - 1);
