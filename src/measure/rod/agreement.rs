@@ -46,12 +46,16 @@ pub(super) fn places_and_form(
     options: &Options,
     warnings: &mut Vec<String>,
 ) {
-    for c in captures.iter().filter(|c| c.edge_points == 0 && c.residual_rms_mm > 0.0) {
+    for c in captures.iter().filter(|c| c.edge_points == 0) {
+        let elsewhere = if c.residual_rms_mm > 0.0 {
+            format!(" (edges lie {:.4} mm off)", c.residual_mean_mm.abs())
+        } else {
+            String::new()
+        };
         warnings.push(format!(
-            "{}: left out: where the other captures put its rim there is none (edges lie {:.4} mm off): check its \
-             x_mm, y_mm and c_deg",
-            c.image,
-            c.residual_mean_mm.abs()
+            "{}: left out: where the other captures put its rim there is none{elsewhere}: check the picture, its x_mm, \
+             y_mm and c_deg",
+            c.image
         ));
     }
     let scatter_mm = refined.position_scatter_mm();
