@@ -14,6 +14,8 @@ use crate::uncertainty::distance;
 
 /// A circle is looked for within this share of its expected diameter.
 const DIAMETER_WINDOW: f64 = 0.12;
+/// Candidates that are tried: the edges of an annulus gather into several of a spot's size.
+const TRIES: usize = 8;
 
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -161,7 +163,7 @@ fn in_frame(
         let mut ragged: Option<Ring> = None;
         let ring = pick(&candidates, radius_px)
             .into_iter()
-            .take(4)
+            .take(TRIES)
             .find_map(|c| {
                 let ring = measure_candidate(frame, view, &c, &candidates)?;
                 let off = (2.0 * ring.circle.radius / expect_mm - 1.0).abs();
