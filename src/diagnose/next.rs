@@ -119,6 +119,7 @@ fn pairs(
         let model = fitter.fit(swapped, Some(&f.noise)).model;
         Some(Model { extras: Vec::new(), ..model })
     };
+    let found = plan.predict(&Model { extras: Vec::new(), ..f.model.clone() });
     let mut list = Vec::new();
     for (i, class) in classes.iter().enumerate() {
         // The named effect may be there in another form, which the rival must not be able to follow either.
@@ -127,9 +128,8 @@ fn pairs(
         if rivals.is_empty() {
             continue;
         }
-        let found = Model { extras: Vec::new(), ..f.model.clone() };
-        let forms = std::iter::once(found).chain(others.iter().filter_map(|form| swapped(i, form)));
-        let forms: Vec<Vec<f64>> = forms.map(|m| plan.predict(&m)).collect();
+        let others = others.iter().filter_map(|form| swapped(i, form)).map(|m| plan.predict(&m));
+        let forms: Vec<Vec<f64>> = std::iter::once(found.clone()).chain(others).collect();
         for other in rivals.iter().filter_map(|rival| swapped(i, rival)) {
             let predicted = plan.predict(&other);
             let mut tangent = plan.whiten(&plan.tangent(&other, &predicted), &noise);

@@ -21,3 +21,4 @@ pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
 pub use scan::{Band, Profiles, scan};
 pub use shading::flatten;
 pub use template::Template;
+pub(crate) use template::lens_share;

@@ -57,6 +57,8 @@ impl Template {
     pub fn edge(&self) -> Step {
         /// Softnesses from its middle at which an edge has risen.
         const RISEN: f64 = 2.6;
+        /// What a tint has moved an edge by is known to this part of it (standard deviation), as is what it may have.
+        const DOUBT: f64 = 0.3;
         let n = self.values.len();
         let v = &self.values;
         let slope: Vec<f64> = (0..n)
@@ -108,12 +110,9 @@ impl Template {
             lo = lo.max(peak.saturating_sub(reach));
             hi = hi.min(peak + reach);
         }
-        let middle_px = crossing_px(lo, hi, 0.5);
-        let quartiles_px = [crossing_px(lo, hi, 0.25), middle_px, crossing_px(lo, hi, 0.75)];
+        let quartiles_px = [0.25, 0.5, 0.75].map(|part| crossing_px(lo, hi, part));
         let (moved_px, perhaps_px) = self.tint_px(lo, hi, quartiles_px, softness_px);
-        let rim_px = middle_px - moved_px;
-        /// What a tint has moved an edge by is known to this part of it (standard deviation), as is what it may have.
-        const DOUBT: f64 = 0.3;
+        let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
         Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px }
     }
@@ -133,8 +132,6 @@ impl Template {
         const MOVES: f64 = 5.0;
         /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, with so much more it is.
         const FADES: (f64, f64) = (0.03, 0.03);
-        /// Softness that a lens in focus explains.
-        const LENS_PX: f64 = 1.5;
         let leans = (first + last - 2.0 * middle) / (last - first).max(self.step_px);
         let v = &self.values;
         let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
@@ -147,10 +144,15 @@ impl Template {
         let rise = v[hi] - v[lo];
         let fades = if rise == 0.0 { 0.0 } else { beyond / rise };
         let share = ((fades - FADES.0) / FADES.1).clamp(0.0, 1.0);
-        let own = 1.0 - (LENS_PX / softness_px).min(1.0);
-        let moves_px = MOVES * leans * own * softness_px;
+        let moves_px = MOVES * leans * (1.0 - lens_share(softness_px)) * softness_px;
         (moves_px * share, moves_px * (1.0 - share))
     }
+}
+
+/// How much of an edge's softness a lens in focus explains, 0..1.
+pub(crate) fn lens_share(softness_px: f64) -> f64 {
+    const LENS_PX: f64 = 1.5;
+    (LENS_PX / softness_px).min(1.0)
 }
 
 /// An edge in a profile.

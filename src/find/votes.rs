@@ -43,14 +43,15 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
                 let steps = steps.min(((far - near) as f32 / cell) as usize + 1);
                 // In whole numbers of a part of a cell: a line's cells are found by adding.
                 let (mut u, mut v) = (fixed(x), fixed(y));
+                let (along_u, along_v) = (fixed(sx), fixed(sy));
                 for _ in 0..steps {
-                    let at = (v >> FRACTION) as usize * aw + (u >> FRACTION) as usize;
+                    let at = (v >> FRACTION) * aw as i32 + (u >> FRACTION);
                     // Rounding may lead a line's end over the border.
-                    if let Some(cell) = votes.data.get_mut(at) {
+                    if let Some(cell) = votes.data.get_mut(at as usize) {
                         *cell += weight;
                     }
-                    u += fixed(sx);
-                    v += fixed(sy);
+                    u += along_u;
+                    v += along_v;
                 }
             }
         }

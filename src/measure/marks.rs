@@ -56,7 +56,7 @@ pub(super) fn measure(
     );
     let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
     let rings = ring_candidates(&steady, 0.06 * side);
-    let mut lone_ring = false;
+    // Of the clearest ring without a spot.
     let mut lone_step = 0.0f64;
     for outer in rings.iter().take(TRIES) {
         // Beside a clear ring without a spot the faintest circles are no rings.
@@ -74,7 +74,6 @@ pub(super) fn measure(
         }
         let spots = spot_candidates(&look, outer);
         if spots.is_empty() {
-            lone_ring = true;
             lone_step = lone_step.max(outer.step.abs());
             continue;
         }
@@ -89,7 +88,7 @@ pub(super) fn measure(
         let measured = (spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES))
             .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
         let Some(spot) = measured else {
-            lone_ring = true;
+            lone_step = lone_step.max(outer.step.abs());
             break; // The ring is there; a worse one with a better spot would be a wrong answer.
         };
         let mut warnings = Vec::new();
@@ -99,7 +98,7 @@ pub(super) fn measure(
         }
         return Ok((ring, spot, warnings));
     }
-    Err(if lone_ring {
+    Err(if lone_step > 0.0 {
         Error::measure(
             subject,
             "a ring was found, but no spot inside it that is clear enough to measure",

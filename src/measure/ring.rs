@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, LocateOptions, Located, flatten, locate, scan};
+use crate::edge::{Band, Contour, LocateOptions, Located, flatten, lens_share, locate, scan};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
@@ -96,20 +96,15 @@ impl Ring {
         let own_mm = self.own_blur_mm();
         let softness_mm = (2.0 * self.circle.radius * self.blur_mm).max(0.0).sqrt();
         let ragged = (self.form_rms_mm / softness_mm.max(1e-9)).min(MOST_RAGGED);
-        let tinted_mm = (LEAST + RAGGED * ragged) * softness_mm * (1.0 - self.lens_share());
+        let tinted_mm =
+            (LEAST + RAGGED * ragged) * softness_mm * (1.0 - lens_share(self.softness_px));
         self.covariance[(2, 2)] += own_mm * own_mm / 3.0 + tinted_mm * tinted_mm;
         self
     }
 
-    /// How much of the softness a lens in focus explains, 0..1.
-    fn lens_share(&self) -> f64 {
-        const LENS_PX: f64 = 1.5;
-        (LENS_PX / self.softness_px).min(1.0)
-    }
-
     /// The part of the blur's correction that is right only if the lens made all of the blur.
     fn own_blur_mm(&self) -> f64 {
-        self.blur_mm * (1.0 - self.lens_share().powi(2))
+        self.blur_mm * (1.0 - lens_share(self.softness_px).powi(2))
     }
 
     /// Covariance of the centre, mm².
