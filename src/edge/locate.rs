@@ -152,7 +152,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         noise.pixel2 = noise.pixel2.max(LEAST_NOISE * LEAST_NOISE * range * range);
         if round == 0 {
             noise.shape2.fill(0.0);
-        } else {
+        } else if round + 1 < options.rounds {
             noise.learn_correlation(&shape, &sectors, &matches, &alive);
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);

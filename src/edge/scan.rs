@@ -1,7 +1,7 @@
 //! Reads every pixel of a band along a contour once and sorts it into profiles: one a sector, over the
 //! distance from the contour.
 
-use crate::edge::Contour;
+use crate::edge::{Contour, wrap};
 use crate::frame::{Frame, Gray, Sample};
 
 /// The band to read.
@@ -135,10 +135,7 @@ fn scan_pixels<T: Sample>(
     band: Band,
 ) -> Profiles {
     let bins = (((band.inside_px + band.outside_px) / band.bin_px).ceil() as usize).max(1);
-    let cells = bins * band.sectors;
-    let mut count = vec![0.0f32; cells];
-    let mut value = vec![0.0f32; cells];
-    let mut distance_px = vec![0.0f32; cells];
+    let mut cells = vec![Cell::default(); bins * band.sectors];
     let mut top = f32::NEG_INFINITY;
     let k = factor as f64;
     let middle = (k - 1.0) / 2.0;
@@ -146,8 +143,11 @@ fn scan_pixels<T: Sample>(
     let outer = contour.max_radius_px() + band.outside_px;
     let inner = (contour.min_radius_px() - band.inside_px).max(0.0);
     let sector_scale = band.sectors as f64 / contour.span_rad;
+    let bin_scale = 1.0 / band.bin_px;
     let (width, height) = (image.width / factor, image.height / factor);
     let (mut columns, mut pixels) = (Vec::new(), Vec::new());
+    // Far from the centre the angle changes evenly over some pixels.
+    let even = ((inner / (EVEN * k)) as usize).clamp(1, MOST_EVEN);
     let rows = row_range(oy - outer, oy + outer, k, middle, height);
     for j in rows {
         let dy = j as f64 * k + middle - oy;
@@ -165,43 +165,92 @@ fn scan_pixels<T: Sample>(
             let columns_read = row_range(ox + from, ox + to, k, middle, width);
             pixels.clear();
             image.blocks(factor, j, columns_read.clone(), &mut columns, &mut pixels);
-            for (i, &pixel) in columns_read.zip(&pixels) {
-                let dx = i as f64 * k + middle - ox;
-                let mut angle = atan2(dy, dx) - contour.start_rad;
-                while angle < 0.0 {
-                    angle += std::f64::consts::TAU;
+            let mut dx = columns_read.start as f64 * k + middle - ox;
+            let mut here = Place::of(contour, dx, dy);
+            for part in pixels.chunks(even) {
+                let next = Place::of(contour, dx + k * part.len() as f64, dy);
+                let share = 1.0 / part.len() as f64;
+                let turn = share * wrap(next.angle - here.angle);
+                let grow = share * (next.radius - here.radius);
+                for (i, &pixel) in part.iter().enumerate() {
+                    let i = i as f64;
+                    let radius = here.radius + i * grow;
+                    let distance = ((dx * dx + dy * dy).sqrt() - radius) * here.cos;
+                    dx += k;
+                    let bin = (distance + band.inside_px) * bin_scale;
+                    if bin < 0.0 || bin >= bins as f64 {
+                        continue;
+                    }
+                    let angle = positive(here.angle + i * turn);
+                    if angle >= contour.span_rad {
+                        continue;
+                    }
+                    let sector = ((angle * sector_scale) as usize).min(band.sectors - 1);
+                    let cell = &mut cells[sector * bins + bin as usize];
+                    cell.count += 1.0;
+                    cell.value += pixel;
+                    cell.distance_px += distance as f32;
+                    top = top.max(pixel);
                 }
-                while angle >= std::f64::consts::TAU {
-                    angle -= std::f64::consts::TAU;
-                }
-                if angle >= contour.span_rad {
-                    continue;
-                }
-                let (radius, cos) = contour.at(angle);
-                let distance = ((dx * dx + dy * dy).sqrt() - radius) * cos;
-                let bin = (distance + band.inside_px) / band.bin_px;
-                if bin < 0.0 || bin >= bins as f64 {
-                    continue;
-                }
-                let sector = ((angle * sector_scale) as usize).min(band.sectors - 1);
-                let cell = sector * bins + bin as usize;
-                count[cell] += 1.0;
-                value[cell] += pixel;
-                top = top.max(pixel);
-                distance_px[cell] += distance as f32;
+                here = next;
             }
         }
     }
-    for ((c, v), d) in count.iter().zip(&mut value).zip(&mut distance_px) {
-        if *c > 0.0 {
-            *v /= c;
-            *d /= c;
-        }
-    }
+    let mean = |sum: fn(&Cell) -> f32| -> Vec<f32> {
+        cells.iter().map(|c| if c.count > 0.0 { sum(c) / c.count } else { 0.0 }).collect()
+    };
     let step = contour.span_rad / band.sectors as f64;
     let angle_rad =
         (0..band.sectors).map(|s| contour.start_rad + (s as f64 + 0.5) * step).collect();
-    Profiles { band, bins, angle_rad, count, value, distance_px, top }
+    Profiles {
+        band,
+        bins,
+        angle_rad,
+        count: cells.iter().map(|c| c.count).collect(),
+        value: mean(|c| c.value),
+        distance_px: mean(|c| c.distance_px),
+        top,
+    }
+}
+
+/// Pixels over which the angle changes evenly, at most, and how many times farther away the centre must be.
+const MOST_EVEN: usize = 8;
+const EVEN: f64 = 24.0;
+
+/// What falls into one bin of one sector.
+#[derive(Clone, Copy, Default)]
+struct Cell {
+    count: f32,
+    value: f32,
+    distance_px: f32,
+}
+
+/// Where a pixel lies: angle from the contour's start in 0..2π, radius and normal's cosine of the contour there.
+struct Place {
+    angle: f64,
+    radius: f64,
+    cos: f64,
+}
+
+impl Place {
+    #[inline]
+    fn of(contour: &Contour, dx: f64, dy: f64) -> Self {
+        let angle = positive(atan2(dy, dx) - contour.start_rad);
+        let (radius, cos) = contour.at(angle);
+        Self { angle, radius, cos }
+    }
+}
+
+/// An angle brought into 0..2π from not far outside.
+#[inline]
+fn positive(mut angle: f64) -> f64 {
+    while angle < 0.0 {
+        angle += std::f64::consts::TAU;
+    }
+    while angle >= std::f64::consts::TAU {
+        angle -= std::f64::consts::TAU;
+    }
+    angle
 }
 
 /// Indices of reduced pixels whose middles lie between two full-picture coordinates.

@@ -61,9 +61,10 @@ impl Products {
     /// Takes in one row.
     #[inline]
     pub(super) fn add(&mut self, row: &Row) {
-        for i in 0..=PARAMETERS {
-            for j in i..=PARAMETERS {
-                self.0[i][j] += row[i] * row[j];
+        // Whole rows, though the matrix is symmetric: the processor does several products at once.
+        for (sums, a) in self.0.iter_mut().zip(row) {
+            for (sum, b) in sums.iter_mut().zip(row) {
+                *sum += a * b;
             }
         }
     }
@@ -176,7 +177,7 @@ pub(super) fn fit_sector(
     whitening: &mut Vec<Whitening>,
 ) -> Match {
     /// A shift that moves by less than this part of its standard deviation has been found.
-    const SETTLED: f64 = 0.03;
+    const SETTLED: f64 = 0.1;
     let reach = 0.5 * (band.inside_px + band.outside_px);
     let held = [prior.level, prior.gain, prior.shift, prior.stretch, prior.tail];
     let mut p = SVector::<f64, PARAMETERS>::from(held.map(|h| h.0));

@@ -62,6 +62,55 @@ pub(super) fn value_at(image: &Gray<f32>, x: f64, y: f64) -> f32 {
     top + fy * (low - top)
 }
 
+/// Bilinear values at `count` places along a line from `start`, each by `step`; NaN outside the picture.
+pub(super) fn values_along(
+    image: &Gray<f32>,
+    start: Vector2<f64>,
+    step: Vector2<f64>,
+    count: usize,
+    values: &mut Vec<f32>,
+) {
+    values.clear();
+    let (w, h) = (image.width, image.height);
+    let columns = steps_within(start.x, step.x, count, w as f64 - 1.0);
+    let rows = steps_within(start.y, step.y, count, h as f64 - 1.0);
+    let inside = columns.start.max(rows.start)..columns.end.min(rows.end);
+    if inside.is_empty() {
+        values.resize(count, f32::NAN);
+        return;
+    }
+    values.resize(inside.start, f32::NAN);
+    // In whole numbers of a part of a pixel: places are found by adding.
+    const BITS: u32 = 16;
+    const ONE: f32 = (1 << BITS) as f32;
+    let fixed = |v: f64| (v * f64::from(ONE)) as i32;
+    let first = start + step * inside.start as f64;
+    let (mut u, mut v) = (fixed(first.x), fixed(first.y));
+    let (along_u, along_v) = (fixed(step.x), fixed(step.y));
+    values.extend(inside.clone().map(|_| {
+        let at = (v >> BITS) as usize * w + (u >> BITS) as usize;
+        let part = |v: i32| (v & ((1 << BITS) - 1)) as f32 * (1.0 / ONE);
+        let (fx, fy) = (part(u), part(v));
+        (u, v) = (u + along_u, v + along_v);
+        let (top, low) = (&image.data[at..at + 2], &image.data[at + w..at + w + 2]);
+        let (top, low) = (top[0] + fx * (top[1] - top[0]), low[0] + fx * (low[1] - low[0]));
+        top + fy * (low - top)
+    }));
+    values.resize(count, f32::NAN);
+}
+
+/// Which of `count` steps from `start` lie in 0..`limit`, clear of it by more than steps are rounded.
+fn steps_within(start: f64, step: f64, count: usize, limit: f64) -> std::ops::Range<usize> {
+    const CLEAR: f64 = 0.02;
+    let (least, most) = (CLEAR, limit - CLEAR);
+    if step == 0.0 {
+        return if start >= least && start <= most { 0..count } else { 0..0 };
+    }
+    let (a, b) = ((least - start) / step, (most - start) / step);
+    let (first, last) = (a.min(b).ceil(), a.max(b).floor() + 1.0);
+    first.clamp(0.0, count as f64) as usize..last.clamp(0.0, count as f64) as usize
+}
+
 /// Gaussian blur in two passes, edges repeated.
 pub(crate) fn blur(image: &Gray<f32>, sd: f64) -> Gray<f32> {
     let reach = (3.0 * sd).ceil() as usize;

@@ -53,6 +53,9 @@ pub struct Candidate {
 /// Hints that are followed to a circle, best first: a busy picture has hundreds.
 const MOST_FOLLOWED: usize = 48;
 
+/// Softnesses within which a circle seen beside an edge, of the same sense, is that edge.
+pub(crate) const ITSELF: f64 = 1.5;
+
 /// Circles in the picture, best first.
 pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
     let mut hints: Vec<rays::Hint> = votes::centers(look, options)
@@ -80,9 +83,10 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
 
 /// Whether two candidates are one circle seen twice.
 fn same(a: &Candidate, b: &Candidate) -> bool {
+    let clearer = if a.score > b.score { a } else { b };
     let near = 0.04 * a.circle.radius.min(b.circle.radius) + 4.0;
     (a.circle.center - b.circle.center).norm() < 2.0 * near
-        && (a.circle.radius - b.circle.radius).abs() < near
+        && (a.circle.radius - b.circle.radius).abs() < near.max(ITSELF * clearer.softness_px)
         && a.step.signum() == b.step.signum()
 }
 

@@ -2,13 +2,15 @@
 
 use nalgebra::Vector2;
 
-use crate::find::look::{Look, value_at};
+use crate::find::look::{Look, value_at, values_along};
 use crate::find::{Candidate, Options};
 use crate::fit::Circle;
 use crate::fit::circle;
 
 /// Directions looked into.
-const RAYS: usize = 96;
+const RAYS: usize = 64;
+/// Most directions in which a circle is followed.
+const MOST_RAYS: usize = 80;
 /// Circles taken from one centre and scale.
 const CIRCLES: usize = 8;
 
@@ -78,9 +80,7 @@ impl Rays {
         for i in 0..RAYS {
             let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
             let (s, c) = t.sin_cos();
-            let at = |r: usize| value_at(image, center.x + r as f64 * c, center.y + r as f64 * s);
-            values.clear();
-            values.extend((0..=length + 1).map(at));
+            values_along(image, center, Vector2::new(c, s), length + 2, &mut values);
             for (row, around) in slope[1..].iter_mut().zip(values.windows(3)) {
                 row[i] = 0.5 * (around[2] - around[0]);
             }
@@ -172,41 +172,47 @@ fn refine(
     let mut window = (0.15 * rough.radius).clamp(3.0, 10.0) + blur;
     let mut result = None;
     let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
+    let mut nearness: Vec<f32> = Vec::new();
+    // Blurred pictures hold no finer detail; slopes are taken over two pixels or the least there is.
+    let step = (0.4 * blur).clamp(0.5, 1.5);
+    let reach = (1.0 / step).round().max(1.0) as usize;
     for _ in 0..6 {
         points.clear();
         slopes.clear();
         let mut visible = 0.0;
-        let rays = ((guess.radius * 2.0) as usize).clamp(32, 120);
+        let rays = ((guess.radius * 2.0) as usize).clamp(32, MOST_RAYS);
+        let from = (guess.radius - window).max(1.0);
+        let steps = ((guess.radius + window - from) / step) as usize;
+        // Nearer edges are preferred to farther ones of about the same strength.
+        nearness.clear();
+        nearness.extend((0..=steps).map(|j| {
+            let away = (from + step * j as f64 - guess.radius) / window;
+            (0.5 * sense * (1.0 - 0.5 * away * away)) as f32
+        }));
         for i in 0..rays {
-            let t = std::f64::consts::TAU * i as f64 / rays as f64;
-            let (s, c) = t.sin_cos();
-            let at = |r: f64| value_at(image, guess.center.x + r * c, guess.center.y + r * s);
-            let from = (guess.radius - window).max(1.0);
-            let steps = ((guess.radius + window - from) / 0.5) as usize;
-            profile.clear();
-            profile.extend((0..=steps).map(|j| at(from + 0.5 * j as f64)));
-            let (mut best, mut place) = (0.0f64, 0.0);
+            let (s, c) = (std::f64::consts::TAU * i as f64 / rays as f64).sin_cos();
+            let start = guess.center + from * Vector2::new(c, s);
+            values_along(image, start, step * Vector2::new(c, s), steps + 1, &mut profile);
+            let slope = |j: usize| nearness[j] * (profile[j + reach] - profile[j - reach]);
+            let (mut best, mut place) = (0.0f32, 0);
             let mut seen = false;
-            for j in 2..steps.saturating_sub(1) {
-                let v = 0.5 * sense * f64::from(profile[j + 2] - profile[j - 2]);
-                if v.is_nan() {
-                    continue;
-                }
-                seen = true;
-                // Nearer edges are preferred to farther ones of about the same strength.
-                let away = (from + 0.5 * j as f64 - guess.radius) / window;
-                let v = v * (1.0 - 0.5 * away * away);
+            for j in reach..(steps + 1).saturating_sub(reach) {
+                let v = slope(j);
+                seen |= !v.is_nan();
                 if v > best {
-                    best = v;
-                    place = from + 0.5 * j as f64;
+                    (best, place) = (v, j);
                 }
             }
             if seen {
                 visible += 1.0;
             }
             if best > 0.0 {
-                points.push(guess.center + place * Vector2::new(c, s));
-                slopes.push(best);
+                let inner = place > reach && place + reach < steps;
+                let between =
+                    if inner { crest(slope(place - 1), best, slope(place + 1)) } else { 0.0 };
+                let r = from + step * (place as f64 + between);
+                points.push(guess.center + r * Vector2::new(c, s));
+                slopes.push(f64::from(best));
             }
         }
         if visible < 0.12 * rays as f64 || points.len() < 8 {
@@ -258,6 +264,12 @@ fn refine(
         score: coverage.powi(2) * (step / noise).clamp(0.0, 400.0).sqrt()
             / (1.0 + 0.3 * scale_px / blur),
     })
+}
+
+/// Where a parabola through three neighbouring values, the middle one the largest, is highest: -0.5 to 0.5.
+fn crest(before: f32, top: f32, after: f32) -> f64 {
+    let bend = 2.0 * top - before - after;
+    if bend > 0.0 { f64::from(0.5 * (after - before) / bend).clamp(-0.5, 0.5) } else { 0.0 }
 }
 
 /// Step and softness of the median profile across a circle.

@@ -24,7 +24,7 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
     for (scale, image) in &look.scales {
         // Neighbouring gradients of a blurred picture say the same.
-        let stride = ((0.6 * scale) as usize).max(1);
+        let stride = (0.6 * scale).round().max(1.0) as usize;
         let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
         let gradients = gradients(image, stride, place);
         let least = threshold(&gradients, look.noise / scale.powi(2));
@@ -58,17 +58,7 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
         // Lines meet less sharply for soft edges.
         let cells = 1.0 / CELL as f64;
         let sharp = blur(&votes, (1.0 + 0.5 * scale) * cells);
-        let wide = blur(&votes, (6.0 + 3.0 * scale) * cells);
-        let peaked = Gray {
-            width: aw,
-            height: ah,
-            data: sharp
-                .data
-                .iter()
-                .zip(&wide.data)
-                .map(|(s, w)| (s - w) / (w + 1.0).sqrt())
-                .collect(),
-        };
+        let peaked = above_surroundings(&sharp, (6.0 + 3.0 * scale) * cells);
         let middle = Vector2::repeat(pad as f64 + 0.5);
         found.extend(
             peaks(&peaked, options.centers)
@@ -89,6 +79,34 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
         }
     }
     kept
+}
+
+/// How far each cell's votes lie above the mean of the cells about it, over that mean's root. `sd` is the standard deviation of
+/// the square it is taken over, each way.
+fn above_surroundings(votes: &Gray<f32>, sd: f64) -> Gray<f32> {
+    let (w, h) = (votes.width, votes.height);
+    let half = (3.0f64.sqrt() * sd).round() as usize;
+    // Sums of all cells above and left of each corner.
+    let mut sums = vec![0.0f64; (w + 1) * (h + 1)];
+    for y in 0..h {
+        let mut row = 0.0;
+        for x in 0..w {
+            row += f64::from(votes.data[y * w + x]);
+            sums[(y + 1) * (w + 1) + x + 1] = sums[y * (w + 1) + x + 1] + row;
+        }
+    }
+    let mut data = Vec::with_capacity(w * h);
+    for y in 0..h {
+        let (top, low) = (y.saturating_sub(half), (y + half + 1).min(h));
+        let (above, below) = (&sums[top * (w + 1)..], &sums[low * (w + 1)..]);
+        for x in 0..w {
+            let (left, right) = (x.saturating_sub(half), (x + half + 1).min(w));
+            let sum = below[right] - below[left] - above[right] + above[left];
+            let mean = sum as f32 / ((low - top) * (right - left)) as f32;
+            data.push((votes.data[y * w + x] - mean) / (mean + 1.0).sqrt());
+        }
+    }
+    Gray { width: w, height: h, data }
 }
 
 /// Bits for the fraction of a cell.
@@ -117,17 +135,17 @@ struct Gradient {
     size: f32,
 }
 
-/// Gradients at every `stride`th pixel each way, in every other row shifted by half a stride.
+/// Gradients at every `stride`th pixel each way, every other of them left out as on a chessboard.
 fn gradients(
     image: &Gray<f32>,
     stride: usize,
     within: Option<(Vector2<f64>, f64)>,
 ) -> Vec<Gradient> {
-    let mut list = Vec::with_capacity(image.data.len() / (stride * stride));
+    let mut list = Vec::with_capacity(image.data.len() / (2 * stride * stride));
     for y in (1..image.height.saturating_sub(1)).step_by(stride) {
         let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-        let first = 1 + (y / stride % 2) * (stride / 2);
-        for x in (first..image.width - 1).step_by(stride) {
+        let first = 1 + (y / stride % 2) * stride;
+        for x in (first..image.width - 1).step_by(2 * stride) {
             if let Some((p, r)) = within
                 && (Vector2::new(x as f64, y as f64) - p).norm_squared() > r * r
             {

@@ -160,12 +160,12 @@ pub fn robust(
         if new.iter().filter(|w| **w > 0.0).count() < 3 {
             return result;
         }
-        // Steps grow small fast: what is left after one of this size is nothing.
-        let next = geometric_to(points, &new, circle, 1e-3 * scale)?;
+        // Weights and circle settle together.
+        let next = geometric_to(points, &new, circle, 0.1 * scale)?;
         let moved = (next.center - circle.center).norm() + (next.radius - circle.radius).abs();
         circle = next;
         result = Some(Robust { circle, weights: new, scale });
-        if round > 1 && moved < 1e-4 * scale {
+        if round > 1 && moved < 1e-3 * scale {
             break;
         }
     }

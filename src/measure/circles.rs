@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
-use crate::find::{self, Candidate, Sides};
+use crate::find::{self, Candidate, ITSELF, Sides};
 use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::ring::{self, Ring, Search};
@@ -170,7 +170,8 @@ fn in_frame(
                 if off > DIAMETER_WINDOW {
                     return None;
                 }
-                if form(&ring) < REGULAR {
+                let faint = ring.contrast.abs() < FAINT * ring.noise;
+                if form(&ring) < REGULAR && !faint {
                     return Some(ring);
                 }
                 let others: Vec<Circle> =
@@ -178,11 +179,11 @@ fn in_frame(
                 if find::stands_out(&look, &c, Sides::Edge, &others) == Some(false) {
                     return None;
                 }
-                if form(&ring) < RAGGED {
+                if form(&ring) < if faint { REGULAR } else { RAGGED } {
                     return Some(ring);
                 }
                 let best = ragged.as_ref().map_or(MOST_RAGGED, form);
-                if form(&ring) < best && ring.arc_coverage > WHOLE {
+                if form(&ring) < best && !faint && ring.arc_coverage > WHOLE {
                     ragged = Some(ring);
                 }
                 None
@@ -209,6 +210,8 @@ fn in_frame(
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
 }
 
+/// Contrast over a pixel's noise below which texture may look like a circle's edge: it must be regular and stand out.
+const FAINT: f64 = 2.0;
 /// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
 const REGULAR: f64 = 0.015;
 /// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
@@ -261,7 +264,9 @@ pub(crate) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -
         let off = (o.circle.center - c.center).norm();
         // A neighbour is as concentric as both are steady; what is not is no edge of this part.
         let concentric = off < 0.02 * c.radius + 2.0 + candidate.scatter_px.min(0.05 * c.radius);
-        if concentric && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
+        // Within an edge's own softness there is no other.
+        let itself = o.step * candidate.step > 0.0 && apart.abs() < ITSELF * candidate.softness_px;
+        if concentric && !itself && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
             let half = (0.6 * apart.abs() - off).max(3.0);
             if apart < 0.0 {
                 inside = inside.min(half);

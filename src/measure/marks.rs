@@ -85,7 +85,9 @@ pub(super) fn measure(
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
-        let measured = (spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES))
+        let clear: Vec<&Candidate> =
+            spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).collect();
+        let measured = (clear.iter().filter(|s| may_stand_for(clear[0], s, outer)))
             .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
         let Some(spot) = measured else {
             lone_step = lone_step.max(outer.step.abs());
@@ -229,6 +231,13 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
         .collect();
     spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     spots
+}
+
+/// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter.
+fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
+    let off = |c: &Candidate| (c.circle.center - ring.circle.center).norm();
+    let apart = (c.circle.center - likeliest.circle.center).norm();
+    off(c) <= off(likeliest) || apart < likeliest.circle.radius
 }
 
 /// Another ring beside this one, of nearly the same standing or with a spot of its own.

@@ -138,23 +138,45 @@ pub struct Points {
     pub clipped_inside: bool,
 }
 
+/// How closely an edge is looked at.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Effort {
+    /// Most sectors along the contour.
+    sectors: usize,
+    /// Pixels joined each way, per pixel of softness.
+    joined: f64,
+    /// Rounds of the sectors' matches and their common profile.
+    rounds: usize,
+}
+
+/// All that the pixels say.
+pub(super) const CLOSE: Effort = Effort { sectors: 2 * GROUPS, joined: 1.0 / 3.0, rounds: 4 };
+/// Where the band must lie, and how wide it must be.
+pub(super) const GLANCE: Effort = Effort { sectors: GROUPS, joined: 1.0 / 2.0, rounds: 2 };
+
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
-fn sectors_for(length_px: f64, softness_px: f64) -> usize {
-    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, 3 * GROUPS)
+fn sectors_for(length_px: f64, softness_px: f64, most: usize) -> usize {
+    ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, most)
 }
 
 /// The edge points about a rough circle. `None` where no edge can be located there.
-pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) -> Option<Points> {
+pub(super) fn edge_points(
+    frame: &Frame,
+    view: &View,
+    rough: Circle,
+    search: Search,
+    effort: Effort,
+) -> Option<Points> {
     let contour = Contour::of_circle(view, rough.center, rough.radius)?;
     let softness = search.softness_px.max(0.6);
     let band = Band {
         inside_px: search.band_px().0.min(0.95 * contour.mean_radius_px()),
         outside_px: search.band_px().1,
         bin_px: (softness / 4.0).max(0.25),
-        sectors: sectors_for(contour.length_px(), softness),
+        sectors: sectors_for(contour.length_px(), softness, effort.sectors),
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
-    let factor = (softness / 3.0).floor().clamp(1.0, 8.0) as usize;
+    let factor = (softness * effort.joined).floor().clamp(1.0, 8.0) as usize;
     let mut profiles = scan(frame, factor, &contour, band);
     profiles.mask_glare();
     let clip = profiles.clip();
@@ -162,7 +184,8 @@ pub fn edge_points(frame: &Frame, view: &View, rough: Circle, search: Search) ->
     // Faint edges need wider sectors: a point must be surer than the edge is soft.
     let mut best = None;
     let located = loop {
-        let located = locate(&profiles, contour.closed, LocateOptions::default());
+        let options = LocateOptions { rounds: effort.rounds, ..LocateOptions::default() };
+        let located = locate(&profiles, contour.closed, options);
         let sure =
             located.as_ref().is_some_and(|l| l.point_sd_px() < 0.2 * l.step.softness_px.max(0.7));
         best = located.or(best);
@@ -205,11 +228,15 @@ pub fn measure(
     search: Search,
     known: Option<&Wander>,
 ) -> Option<Ring> {
+    /// Looks at most, the last one a close one.
+    const LOOKS: usize = 5;
     let mut guess = rough;
     let mut search = search;
-    let mut last = None;
-    for _ in 0..4 {
-        let points = edge_points(frame, view, guess, search)?;
+    let (mut close, mut last) = (false, None);
+    for look in 1..=LOOKS {
+        close |= look == LOOKS;
+        let effort = if close { CLOSE } else { GLANCE };
+        let points = edge_points(frame, view, guess, search, effort)?;
         let weights = robust_weights(&points);
         let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
         let fitted = circle::robust(&points.place_mm, &weights, Some(guess), 0.02 * pixel)?;
@@ -223,9 +250,10 @@ pub fn measure(
             && (0.85..1.18).contains(&(softness / search.softness_px));
         search.reach_px = (0.1 * softness).max(0.5);
         search.softness_px = softness.max(0.6);
-        if settled {
+        if settled && close {
             break;
         }
+        close |= settled;
     }
     let (points, fitted) = last?;
     finish(view, &points, &fitted, known)

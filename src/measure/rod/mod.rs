@@ -19,7 +19,7 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
-use crate::measure::ring::{self, Search};
+use crate::measure::ring::{self, CLOSE, GLANCE, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
 use outer::Found;
@@ -152,7 +152,7 @@ fn follow(
     };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
-    for reach_px in [12.0, 4.0, 1.0] {
+    for (reach_px, effort) in [(12.0, GLANCE), (4.0, GLANCE), (1.0, CLOSE)] {
         arcs = frames
             .par_iter()
             .enumerate()
@@ -169,7 +169,7 @@ fn follow(
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
                 };
-                let points = ring::edge_points(frame, view, rough, search)?;
+                let points = ring::edge_points(frame, view, rough, search, effort)?;
                 Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
             .collect();

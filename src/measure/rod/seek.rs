@@ -10,7 +10,7 @@ use crate::frame::Frame;
 /// Share of a capture's gradients that vote.
 const STRONGEST: f64 = 0.05;
 /// Most voters of a capture.
-const VOTERS: usize = 4000;
+const VOTERS: usize = 1500;
 /// Cells along the longer side of the voting grid.
 const CELLS: f64 = 420.0;
 
