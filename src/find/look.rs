@@ -7,7 +7,7 @@ use crate::frame::{Frame, Gray};
 /// The reduced picture's longer side, about.
 const SIDE_PX: usize = 420;
 /// Blurs (standard deviations in reduced pixels) at which gradients are taken: sharp, soft and very soft edges.
-const BLURS: [f64; 3] = [1.0, 2.2, 5.0];
+pub(super) const BLURS: [f64; 3] = [1.0, 2.2, 5.0];
 
 /// A reduced picture, blurred at several scales.
 #[derive(Debug, Clone)]
@@ -21,12 +21,12 @@ pub struct Look {
 }
 
 impl Look {
-    /// Reduces and blurs.
-    pub fn new(frame: &Frame) -> Self {
+    /// Reduces and blurs, by the first few of the scales.
+    pub fn new(frame: &Frame, scales: usize) -> Self {
         let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).max(1);
         let base = frame.reduce(factor);
         let noise = texture(&base);
-        let scales = BLURS.iter().map(|&b| (b, blur(&base, b))).collect();
+        let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();
         Self { factor, scales, noise }
     }
 

@@ -102,5 +102,5 @@ fn better(new: &Candidate, old: &Candidate) -> bool {
 
 /// A reduced picture of `frame` for finding circles.
 pub fn look(frame: &Frame) -> Look {
-    Look::new(frame)
+    Look::new(frame, look::BLURS.len())
 }

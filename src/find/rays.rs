@@ -10,7 +10,7 @@ use crate::fit::circle;
 /// Directions looked into.
 const RAYS: usize = 64;
 /// Most directions in which a circle is followed.
-const MOST_RAYS: usize = 80;
+const MOST_RAYS: usize = 64;
 /// Circles taken from one centre and scale.
 const CIRCLES: usize = 8;
 
@@ -220,8 +220,8 @@ fn refine(
         }
         // Directions with hardly any slope say nothing of the edge.
         let mut sorted = slopes.clone();
-        sorted.sort_by(f64::total_cmp);
-        let strong = sorted[sorted.len() * 7 / 10];
+        let at = sorted.len() * 7 / 10;
+        let strong = *sorted.select_nth_unstable_by(at, f64::total_cmp).1;
         let weights: Vec<f64> =
             slopes.iter().map(|s| if *s > 0.25 * strong { 1.0 } else { 0.0 }).collect();
         let fitted = circle::robust(&points, &weights, Some(guess), 0.35)?;

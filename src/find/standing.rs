@@ -161,7 +161,7 @@ mod tests {
                 *value = level.clamp(0.0, 255.0) as u8;
             }
         }
-        Look::new(&Frame::Eight(Gray { width, height, data }))
+        Look::new(&Frame::Eight(Gray { width, height, data }), 1)
     }
 
     #[test]

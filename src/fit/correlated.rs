@@ -131,13 +131,24 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         return None;
     }
     let grid = grid(rows, known);
-    let mut candidates = at_grid_point(rows, mean_variance, WHITE, grid.white);
+    let mut candidates = at_grid_point(rows, mean_variance, WHITE, &[], grid.white);
     let white = candidates.len();
+    // Kernels that differ in size alone stand side by side.
+    let (mut of, mut how_alike) = (None, Vec::new());
     for (kernel, length, probability) in grid.kernels {
+        if of != Some((kernel.shape, length)) {
+            (of, how_alike) = (Some((kernel.shape, length)), alike(rows, kernel.shape, length));
+        }
         for share in SHARES {
             let wandering = Wandering { share, length, kernel };
             let probability = probability / SHARES.len() as f64;
-            candidates.extend(at_grid_point(rows, mean_variance, wandering, probability));
+            candidates.extend(at_grid_point(
+                rows,
+                mean_variance,
+                wandering,
+                &how_alike,
+                probability,
+            ));
         }
     }
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
@@ -238,38 +249,50 @@ fn spacing_and_extent(rows: &Rows) -> (f64, f64) {
     (gaps.get(gaps.len() / 2).copied().unwrap_or(1.0), extent)
 }
 
+/// How alike any two rows of each group wander: the kernel by itself. Nothing where nothing wanders.
+fn alike(rows: &Rows, shape: Shape, length: f64) -> Vec<DMatrix<f64>> {
+    let value = |i: usize, j: usize| {
+        let s = (rows.place[i] - rows.place[j]).norm() / length;
+        match shape {
+            Shape::Exponential => (-s).exp(),
+            Shape::Gaussian => (-0.5 * s * s).exp(),
+        }
+    };
+    let block = |range: std::ops::Range<usize>| {
+        let (at, n) = (range.start, range.len());
+        let mut block = DMatrix::zeros(n, n);
+        for j in 0..n {
+            for i in j..n {
+                block[(i, j)] = value(at + i, at + j);
+                block[(j, i)] = block[(i, j)];
+            }
+        }
+        block
+    };
+    groups(&rows.group).into_iter().map(block).collect()
+}
+
+/// Covariance of the rows of a group that stays in place, before scaling.
 fn block(
     rows: &Rows,
     range: std::ops::Range<usize>,
+    alike: Option<&DMatrix<f64>>,
     mean_variance: f64,
-    wandering: Wandering,
+    Wandering { share, kernel, .. }: Wandering,
 ) -> DMatrix<f64> {
-    let Wandering { share, length, kernel } = wandering;
-    let at = range.start;
-    let n = range.len();
-    let mut c = DMatrix::zeros(n, n);
-    for i in 0..n {
-        for j in 0..=i {
-            let value = if share > 0.0 {
-                let s = (rows.place[at + i] - rows.place[at + j]).norm() / length;
-                let size = if kernel.as_noise {
-                    (rows.variance[at + i] * rows.variance[at + j]).sqrt()
-                } else {
-                    mean_variance
-                };
-                share
-                    * size
-                    * match kernel.shape {
-                        Shape::Exponential => (-s).exp(),
-                        Shape::Gaussian => (-0.5 * s * s).exp(),
-                    }
-            } else {
-                0.0
-            };
-            c[(i, j)] = value;
-            c[(j, i)] = value;
+    let variance = &rows.variance[range];
+    let n = variance.len();
+    let mut c = alike.map_or_else(|| DMatrix::zeros(n, n), |alike| alike * share);
+    if kernel.as_noise {
+        let roots: Vec<f64> = variance.iter().map(|v| v.sqrt()).collect();
+        for (mut column, root) in c.column_iter_mut().zip(&roots) {
+            column.iter_mut().zip(&roots).for_each(|(c, r)| *c *= r * root);
         }
-        c[(i, i)] += (1.0 - share) * rows.variance[at + i];
+    } else {
+        c *= mean_variance;
+    }
+    for (i, v) in variance.iter().enumerate() {
+        c[(i, i)] += (1.0 - share) * v;
     }
     c
 }
@@ -291,8 +314,13 @@ pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
 fn covariance_matrix(rows: &Rows, mean_variance: f64, wandering: Wandering) -> DMatrix<f64> {
     let n = rows.y.len();
     let mut whole = DMatrix::zeros(n, n);
-    for range in groups(&rows.group) {
-        let c = block(rows, range.clone(), mean_variance, wandering);
+    let how_alike = if wandering.share > 0.0 {
+        alike(rows, wandering.kernel.shape, wandering.length)
+    } else {
+        Vec::new()
+    };
+    for (i, range) in groups(&rows.group).into_iter().enumerate() {
+        let c = block(rows, range.clone(), how_alike.get(i), mean_variance, wandering);
         whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
     }
     whole
@@ -304,9 +332,10 @@ fn at_grid_point(
     rows: &Rows,
     mean_variance: f64,
     wandering: Wandering,
+    alike: &[DMatrix<f64>],
     probability: f64,
 ) -> Vec<Candidate> {
-    let Some(whitened) = Whitened::new(rows, mean_variance, wandering) else {
+    let Some(whitened) = Whitened::new(rows, mean_variance, wandering, alike) else {
         return Vec::new();
     };
     let still = (0.0, probability * if rows.displacement.is_some() { 0.5 } else { 1.0 });

@@ -64,6 +64,10 @@ impl<T: Sample> Gray<T> {
         means: &mut Vec<f32>,
     ) {
         let part = range.start * factor..range.end * factor;
+        if factor == 1 {
+            means.extend(self.row(j)[part].iter().map(|p| p.value()));
+            return;
+        }
         columns.clear();
         columns.resize(part.len(), 0.0);
         for v in j * factor..(j + 1) * factor {

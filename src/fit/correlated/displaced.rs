@@ -36,15 +36,20 @@ pub(super) struct Solved {
 }
 
 impl Whitened {
-    /// Whitens. `None` where the covariance is no covariance.
-    pub fn new(rows: &Rows, mean_variance: f64, wandering: Wandering) -> Option<Self> {
+    /// Whitens; `alike` says for each group how alike its rows wander. `None` where the covariance is no covariance.
+    pub fn new(
+        rows: &Rows,
+        mean_variance: f64,
+        wandering: Wandering,
+        alike: &[DMatrix<f64>],
+    ) -> Option<Self> {
         let mut x = rows.design.clone();
         let mut y = rows.y.clone();
         let mut log_det = 0.0;
         let mut list = Vec::new();
-        for range in groups(&rows.group) {
+        for (i, range) in groups(&rows.group).into_iter().enumerate() {
             let (at, len) = (range.start, range.len());
-            let c = block(rows, range.clone(), mean_variance, wandering);
+            let c = block(rows, range.clone(), alike.get(i), mean_variance, wandering);
             let l = c.cholesky()?.unpack();
             log_det += 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
             let solved = l.solve_lower_triangular_mut(&mut x.rows_mut(at, len))

@@ -218,8 +218,8 @@ impl Sight {
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
         let bin_px = bin_mm / pixel_mm;
         let band = Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px, sectors: SECTORS };
-        // Blocks of half a bin say as much as pixels.
-        let profiles = scan(frame, ((bin_px / LEAST_BIN_PX) as usize).max(1), &contour, band);
+        // A step is taken over several bins: blocks as wide as one say as much as pixels.
+        let profiles = scan(frame, (bin_px as usize).max(1), &contour, band);
         let toward = profiles
             .angle_rad
             .iter()

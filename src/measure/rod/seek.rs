@@ -3,14 +3,16 @@
 use nalgebra::Vector2;
 
 use crate::camera::View;
-use crate::find::{Look, look};
+use crate::find::Look;
 use crate::fit::Circle;
 use crate::frame::Frame;
 
 /// Share of a capture's gradients that vote.
 const STRONGEST: f64 = 0.05;
-/// Most voters of a capture.
-const VOTERS: usize = 1500;
+/// Most voters of a capture at each scale.
+const VOTERS: usize = 1000;
+/// Scales at which they are looked for: no rim is softer.
+const SCALES: usize = 2;
 /// Cells along the longer side of the voting grid.
 const CELLS: f64 = 420.0;
 
@@ -31,9 +33,9 @@ pub(super) fn voters(
     position_mm: Vector2<f64>,
     capture: usize,
 ) -> Vec<Voter> {
-    let look = look(frame);
+    let look = Look::new(frame, SCALES);
     let mut list = Vec::new();
-    for scale in [0, 1] {
+    for scale in 0..SCALES {
         list.extend(voters_at(&look, scale, view, position_mm, capture));
     }
     list
