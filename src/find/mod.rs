@@ -52,6 +52,8 @@ pub struct Candidate {
 
 /// Hints that are followed to a circle, best first: a busy picture has hundreds.
 const MOST_FOLLOWED: usize = 48;
+/// Hints that are tried, most of which lead nowhere.
+const MOST_TRIED: usize = 128;
 
 /// Softnesses within which a circle seen beside an edge, of the same sense, is that edge.
 pub(crate) const ITSELF: f64 = 1.5;
@@ -65,7 +67,7 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
     hints.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
     let mut found: Vec<Candidate> = Vec::new();
     let mut followed = 0;
-    for hint in &hints {
+    for hint in hints.iter().take(MOST_TRIED) {
         let Some(candidate) = rays::follow(look, hint, options, &found) else { continue };
         match found.iter_mut().find(|c| same(c, &candidate)) {
             Some(old) if better(&candidate, old) => *old = candidate,

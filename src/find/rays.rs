@@ -77,10 +77,8 @@ impl Rays {
         let length = far.ceil() as usize + 2;
         let mut slope = vec![[f32::NAN; RAYS]; length + 1];
         let mut values = Vec::with_capacity(length + 2);
-        for i in 0..RAYS {
-            let t = std::f64::consts::TAU * i as f64 / RAYS as f64;
-            let (s, c) = t.sin_cos();
-            values_along(image, center, Vector2::new(c, s), length + 2, &mut values);
+        for (i, along) in directions::<RAYS>().into_iter().enumerate() {
+            values_along(image, center, along, length + 2, &mut values);
             for (row, around) in slope[1..].iter_mut().zip(values.windows(3)) {
                 row[i] = 0.5 * (around[2] - around[0]);
             }
@@ -173,6 +171,7 @@ fn refine(
     let mut result = None;
     let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
     let mut nearness: Vec<f32> = Vec::new();
+    let around: [Vector2<f64>; MOST_RAYS] = directions();
     // Blurred pictures hold no finer detail; slopes are taken over two pixels or the least there is.
     let step = (0.4 * blur).clamp(0.5, 1.5);
     let reach = (1.0 / step).round().max(1.0) as usize;
@@ -180,7 +179,9 @@ fn refine(
         points.clear();
         slopes.clear();
         let mut visible = 0.0;
-        let rays = ((guess.radius * 2.0) as usize).clamp(32, MOST_RAYS);
+        // Half of the directions will do for a small circle.
+        let every = if guess.radius < 0.4 * MOST_RAYS as f64 { 2 } else { 1 };
+        let rays = MOST_RAYS / every;
         let from = (guess.radius - window).max(1.0);
         let steps = ((guess.radius + window - from) / step) as usize;
         // Nearer edges are preferred to farther ones of about the same strength.
@@ -189,10 +190,9 @@ fn refine(
             let away = (from + step * j as f64 - guess.radius) / window;
             (0.5 * sense * (1.0 - 0.5 * away * away)) as f32
         }));
-        for i in 0..rays {
-            let (s, c) = (std::f64::consts::TAU * i as f64 / rays as f64).sin_cos();
-            let start = guess.center + from * Vector2::new(c, s);
-            values_along(image, start, step * Vector2::new(c, s), steps + 1, &mut profile);
+        for along in around.iter().step_by(every) {
+            let start = guess.center + from * along;
+            values_along(image, start, step * along, steps + 1, &mut profile);
             let slope = |j: usize| nearness[j] * (profile[j + reach] - profile[j - reach]);
             let (mut best, mut place) = (0.0f32, 0);
             let mut seen = false;
@@ -211,7 +211,7 @@ fn refine(
                 let between =
                     if inner { crest(slope(place - 1), best, slope(place + 1)) } else { 0.0 };
                 let r = from + step * (place as f64 + between);
-                points.push(guess.center + r * Vector2::new(c, s));
+                points.push(guess.center + r * along);
                 slopes.push(f64::from(best));
             }
         }
@@ -266,6 +266,14 @@ fn refine(
     })
 }
 
+/// Directions evenly all round.
+pub(super) fn directions<const N: usize>() -> [Vector2<f64>; N] {
+    std::array::from_fn(|i| {
+        let (s, c) = (std::f64::consts::TAU * i as f64 / N as f64).sin_cos();
+        Vector2::new(c, s)
+    })
+}
+
 /// Where a parabola through three neighbouring values, the middle one the largest, is highest: -0.5 to 0.5.
 fn crest(before: f32, top: f32, after: f32) -> f64 {
     let bend = 2.0 * top - before - after;
@@ -280,17 +288,14 @@ fn step_across(
     blur: f64,
 ) -> Option<(f64, f64)> {
     let reach = (4.0 * blur).max(6.0).min(0.9 * circle.radius);
+    let around: [Vector2<f64>; RAYS] = directions();
     let mut profile: Vec<f64> = Vec::new();
     let count = (2.0 * reach) as usize;
     for j in 0..=count {
         let r = circle.radius - reach + j as f64;
-        let mut values: Vec<f32> = (0..64)
-            .filter_map(|i| {
-                let (s, c) = (std::f64::consts::TAU * f64::from(i) / 64.0).sin_cos();
-                let value = value_at(image, circle.center.x + r * c, circle.center.y + r * s);
-                (!value.is_nan()).then_some(value)
-            })
-            .collect();
+        let at = |along: &Vector2<f64>| circle.center + r * along;
+        let values = around.iter().map(|along| value_at(image, at(along).x, at(along).y));
+        let mut values: Vec<f32> = values.filter(|v| !v.is_nan()).collect();
         if values.is_empty() {
             return None;
         }

@@ -4,6 +4,7 @@ use nalgebra::Vector2;
 
 use crate::find::Candidate;
 use crate::find::look::{Look, value_at};
+use crate::find::rays::directions;
 use crate::fit::Circle;
 use crate::fit::robust::scatter;
 
@@ -11,6 +12,8 @@ use crate::fit::robust::scatter;
 const RAYS: usize = 32;
 /// Places of the bare surface that say what it does by itself.
 const LEAST_PLACES: usize = 12;
+/// Places of the whole picture that are looked at, about.
+const MOST_PLACES: f64 = 600.0;
 /// Radii from a circle's own down to an eighth that may say it where its own finds no room: small circles differ more.
 const SMALLER: [f64; 4] = [1.0, 0.5, 0.25, 0.125];
 
@@ -62,10 +65,11 @@ pub fn stands_out(look: &Look, c: &Candidate, sides: Sides, marks: &[Circle]) ->
 fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Option<f64> {
     let radius = circle.radius / look.factor as f64;
     let depths = sides.depths(circle, marks);
-    let here = difference(look, look.reduced(circle.center), radius, depths, marks)?;
+    let around: [Vector2<f64>; RAYS] = directions();
+    let here = difference(look, &around, look.reduced(circle.center), radius, depths, marks)?;
     // Within a ring's edge there is bare surface too, within a spot there is not.
     let inside = matches!(sides, Sides::Edge);
-    let usual = |part: &f64| usual(look, circle, part * radius, depths, inside, marks);
+    let usual = |part: &f64| usual(look, &around, circle, part * radius, depths, inside, marks);
     let usual = SMALLER.iter().find_map(usual)?;
     Some(here.abs() / usual.max(1e-9))
 }
@@ -73,6 +77,7 @@ fn standing(look: &Look, circle: Circle, sides: Sides, marks: &[Circle]) -> Opti
 /// Standard deviation of the difference that circles of a radius show on the bare surface, reduced pixels.
 fn usual(
     look: &Look,
+    around: &[Vector2<f64>],
     circle: Circle,
     radius: f64,
     depths: Depths,
@@ -90,14 +95,14 @@ fn usual(
             && (apart(&circle) - circle.radius).abs() > reach_px
             && (inside || apart(&circle) > circle.radius)
     };
-    let step = (0.5 * radius).max(3.0);
+    let step = (0.5 * radius).max(3.0).max(((w * h) as f64 / MOST_PLACES).sqrt());
     let count = |size: usize| ((size as f64 - 2.0 * reach) / step).max(0.0) as usize;
     let (columns, rows) = (count(w), count(h));
     let mut differences: Vec<f64> = (0..=rows)
         .flat_map(|j| (0..=columns).map(move |i| (i, j)))
         .map(|(i, j)| Vector2::new(reach + i as f64 * step, reach + j as f64 * step))
         .filter(|p| clear(*p))
-        .filter_map(|p| difference(look, p, radius, depths, &[]))
+        .filter_map(|p| difference(look, around, p, radius, depths, &[]))
         .map(f64::abs)
         .collect();
     if differences.len() < LEAST_PLACES {
@@ -110,6 +115,7 @@ fn usual(
 /// side of all `marks`; `None` where few do.
 fn difference(
     look: &Look,
+    around: &[Vector2<f64>],
     center: Vector2<f64>,
     radius: f64,
     depths: Depths,
@@ -117,9 +123,8 @@ fn difference(
 ) -> Option<f64> {
     let image = &look.scales[0].1;
     let (mut sum, mut count) = (0.0f64, 0usize);
-    for i in 0..RAYS {
-        let (s, c) = (std::f64::consts::TAU * i as f64 / RAYS as f64).sin_cos();
-        let at = |r: f64| center + Vector2::new(c, s) * (r * radius);
+    for along in around {
+        let at = |r: f64| center + along * (r * radius);
         let within = |p: Vector2<f64>, m: &Circle| (look.full(p) - m.center).norm() < m.radius;
         for depth in depths {
             let (inner, outer) = (at(1.0 - depth), at(1.0 + depth));

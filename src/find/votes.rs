@@ -12,8 +12,11 @@ const STRONGEST: f64 = 0.12;
 /// Most of them that vote.
 const VOTERS: usize = 6000;
 
-/// Reduced pixels that share a cell of votes, each way: lines meet no sharper than that.
+/// Reduced pixels that share a cell of votes, each way, and for soft edges: lines meet no sharper than that.
 const CELL: usize = 2;
+const SOFT_CELL: usize = 4;
+/// Blur from which edges are soft.
+const SOFT: f64 = 4.0;
 
 /// Likely centres in reduced pixels, best first.
 pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
@@ -22,10 +25,11 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
     // Centres may lie outside the frame by a third of its size.
     let pad = w.max(h) / 3;
-    let cell = CELL as f32;
-    let (aw, ah) = ((w + 2 * pad) / CELL + 1, (h + 2 * pad) / CELL + 1);
     let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
     for (scale, image) in &look.scales {
+        let side = if *scale < SOFT { CELL } else { SOFT_CELL };
+        let cell = side as f32;
+        let (aw, ah) = ((w + 2 * pad) / side + 1, (h + 2 * pad) / side + 1);
         // Neighbouring gradients of a blurred picture say the same.
         let stride = (0.6 * scale).round().max(1.0) as usize;
         let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
@@ -60,14 +64,14 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
             }
         }
         // Lines meet less sharply for soft edges.
-        let cells = 1.0 / CELL as f64;
+        let cells = 1.0 / side as f64;
         let sharp = blur(&votes, (1.0 + 0.5 * scale) * cells);
         let peaked = above_surroundings(&sharp, (6.0 + 3.0 * scale) * cells);
         let middle = Vector2::repeat(pad as f64 + 0.5);
         found.extend(
-            peaks(&peaked, options.centers)
+            peaks(&peaked, options.centers, 5.0 * cells)
                 .into_iter()
-                .map(|(v, p)| (v, (p + Vector2::repeat(0.5)) * CELL as f64 - middle)),
+                .map(|(v, p)| (v, (p + Vector2::repeat(0.5)) * side as f64 - middle)),
         );
     }
     if let Some((place, reach)) = options.near {
@@ -175,7 +179,7 @@ fn threshold(gradients: &[Gradient], noise: f64) -> f32 {
 }
 
 /// Local maxima, highest first, no two within a few pixels.
-fn peaks(image: &Gray<f32>, count: usize) -> Vec<(f32, Vector2<f64>)> {
+fn peaks(image: &Gray<f32>, count: usize, apart: f64) -> Vec<(f32, Vector2<f64>)> {
     let mut list = Vec::new();
     let w = image.width;
     for y in 1..image.height - 1 {
@@ -198,7 +202,7 @@ fn peaks(image: &Gray<f32>, count: usize) -> Vec<(f32, Vector2<f64>)> {
         if kept.len() == count {
             break;
         }
-        if kept.iter().all(|(_, q)| (p - q).norm() > 5.0 / CELL as f64) {
+        if kept.iter().all(|(_, q)| (p - q).norm() > apart) {
             kept.push((v, p));
         }
     }
