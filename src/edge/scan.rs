@@ -2,7 +2,7 @@
 //! distance from the contour.
 
 use crate::edge::{Contour, wrap};
-use crate::frame::{Frame, Gray, Sample};
+use crate::frame::{Frame, Gray, MOST_JOINED, Pixel};
 
 /// The band to read.
 #[derive(Debug, Clone, Copy)]
@@ -128,12 +128,13 @@ pub fn scan(frame: &Frame, factor: usize, contour: &Contour, band: Band) -> Prof
     }
 }
 
-fn scan_pixels<T: Sample>(
+fn scan_pixels<T: Pixel>(
     image: &Gray<T>,
     factor: usize,
     contour: &Contour,
     band: Band,
 ) -> Profiles {
+    let factor = factor.clamp(1, MOST_JOINED);
     let bins = (((band.inside_px + band.outside_px) / band.bin_px).ceil() as usize).max(1);
     let mut cells = vec![Cell::default(); bins * band.sectors];
     let mut top = f32::NEG_INFINITY;

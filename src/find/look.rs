@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::frame::{Frame, Gray};
+use crate::frame::{Frame, Gray, MOST_JOINED};
 
 /// The reduced picture's longer side, about.
 const SIDE_PX: usize = 420;
@@ -23,7 +23,7 @@ pub struct Look {
 impl Look {
     /// Reduces and blurs, by the first few of the scales.
     pub fn new(frame: &Frame, scales: usize) -> Self {
-        let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).max(1);
+        let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).clamp(1, MOST_JOINED);
         let base = frame.reduce(factor);
         let noise = texture(&base);
         let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();

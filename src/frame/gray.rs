@@ -1,5 +1,7 @@
 //! Gray pixels of any depth, and pictures reduced by averaging blocks.
 
+use std::ops::AddAssign;
+
 /// A pixel value that measures as a number.
 pub trait Sample: Copy + Send + Sync + 'static {
     /// The value in the file's own counts.
@@ -24,6 +26,31 @@ impl Sample for f32 {
     }
 }
 
+/// A camera's pixel, which can be joined with others.
+pub trait Pixel: Sample {
+    /// Holds the sum of [`MOST_JOINED`] pixels; the narrower, the more of them are added at once.
+    type Sum: Copy + Default + AddAssign + From<Self>;
+    /// A sum as a number.
+    fn total(sum: Self::Sum) -> f32;
+}
+
+impl Pixel for u8 {
+    type Sum = u16;
+    fn total(sum: u16) -> f32 {
+        f32::from(sum)
+    }
+}
+
+impl Pixel for u16 {
+    type Sum = u32;
+    fn total(sum: u32) -> f32 {
+        sum as f32
+    }
+}
+
+/// Most pixels that are joined each way.
+pub const MOST_JOINED: usize = 256;
+
 /// A gray picture, row by row from the top.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gray<T> {
@@ -40,11 +67,13 @@ impl<T: Sample> Gray<T> {
     pub fn row(&self, v: usize) -> &[T] {
         &self.data[v * self.width..(v + 1) * self.width]
     }
+}
 
-    /// The mean of each `factor`×`factor` block; an incomplete block at the right or bottom is left out.
+impl<T: Pixel> Gray<T> {
+    /// The mean of each `factor`×`factor` block, a factor of [`MOST_JOINED`] at most; an incomplete block at the right or bottom is left out.
     /// Pixel (i, j) of the result is centred on `factor·i + (factor - 1)/2` of this picture.
     pub fn reduce(&self, factor: usize) -> Gray<f32> {
-        let factor = factor.max(1);
+        let factor = factor.clamp(1, MOST_JOINED);
         let (width, height) = (self.width / factor, self.height / factor);
         let mut data = Vec::with_capacity(width * height);
         let mut columns = Vec::new();
@@ -60,7 +89,7 @@ impl<T: Sample> Gray<T> {
         factor: usize,
         j: usize,
         range: std::ops::Range<usize>,
-        columns: &mut Vec<f32>,
+        columns: &mut Vec<T::Sum>,
         means: &mut Vec<f32>,
     ) {
         let part = range.start * factor..range.end * factor;
@@ -69,14 +98,15 @@ impl<T: Sample> Gray<T> {
             return;
         }
         columns.clear();
-        columns.resize(part.len(), 0.0);
+        columns.resize(part.len(), T::Sum::default());
         for v in j * factor..(j + 1) * factor {
             for (sum, p) in columns.iter_mut().zip(&self.row(v)[part.clone()]) {
-                *sum += p.value();
+                *sum += T::Sum::from(*p);
             }
         }
         let scale = 1.0 / (factor * factor) as f32;
-        means.extend(columns.chunks_exact(factor).map(|block| scale * block.iter().sum::<f32>()));
+        let mean = |block: &[T::Sum]| scale * block.iter().map(|s| T::total(*s)).sum::<f32>();
+        means.extend(columns.chunks_exact(factor).map(mean));
     }
 }
 

@@ -4,4 +4,4 @@ mod decode;
 mod gray;
 
 pub use decode::{Channel, Picture};
-pub use gray::{Frame, Gray, Sample};
+pub use gray::{Frame, Gray, MOST_JOINED, Pixel, Sample};

@@ -219,7 +219,7 @@ impl Sight {
         let bin_px = bin_mm / pixel_mm;
         let band = Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px, sectors: SECTORS };
         // A step is taken over several bins: blocks as wide as one say as much as pixels.
-        let profiles = scan(frame, (bin_px as usize).max(1), &contour, band);
+        let profiles = scan(frame, bin_px as usize, &contour, band);
         let toward = profiles
             .angle_rad
             .iter()
