@@ -9,8 +9,6 @@ use crate::fit::circle;
 
 /// Directions looked into.
 const RAYS: usize = 64;
-/// Most directions in which a circle is followed.
-const MOST_RAYS: usize = 64;
 /// Circles taken from one centre and scale.
 const CIRCLES: usize = 8;
 
@@ -171,7 +169,7 @@ fn refine(
     let mut result = None;
     let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
     let mut nearness: Vec<f32> = Vec::new();
-    let around: [Vector2<f64>; MOST_RAYS] = directions();
+    let around: [Vector2<f64>; RAYS] = directions();
     // Blurred pictures hold no finer detail; slopes are taken over two pixels or the least there is.
     let step = (0.4 * blur).clamp(0.5, 1.5);
     let reach = (1.0 / step).round().max(1.0) as usize;
@@ -180,8 +178,8 @@ fn refine(
         slopes.clear();
         let mut visible = 0.0;
         // Half of the directions will do for a small circle.
-        let every = if guess.radius < 0.4 * MOST_RAYS as f64 { 2 } else { 1 };
-        let rays = MOST_RAYS / every;
+        let every = if guess.radius < 0.4 * RAYS as f64 { 2 } else { 1 };
+        let rays = RAYS / every;
         let from = (guess.radius - window).max(1.0);
         let steps = ((guess.radius + window - from) / step) as usize;
         // Nearer edges are preferred to farther ones of about the same strength.

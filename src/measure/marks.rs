@@ -85,9 +85,10 @@ pub(super) fn measure(
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
-        let clear: Vec<&Candidate> =
-            spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).collect();
-        let measured = (clear.iter().filter(|s| may_stand_for(clear[0], s, outer)))
+        let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
+        let likeliest = clear.peek().copied();
+        let measured = clear
+            .filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer)))
             .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
         let Some(spot) = measured else {
             lone_step = lone_step.max(outer.step.abs());

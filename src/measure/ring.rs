@@ -16,7 +16,7 @@ const SOFT_EDGE: f64 = 0.003;
 
 /// A heat tint that is stronger on one side is taken out by a shape that it only roughly has: this part of what it would
 /// have shifted is added to the centre's standard uncertainty.
-const LEANING: f64 = 0.2;
+const LEANING: f64 = 0.4;
 
 /// Where the edge is looked for.
 #[derive(Debug, Clone, Copy)]
