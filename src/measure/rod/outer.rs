@@ -42,6 +42,8 @@ const CLOSER: usize = 12;
 const LEAST: f32 = 0.4;
 /// Share of the best circle's support that an outer one needs.
 const SUPPORTED: f32 = 0.65;
+/// The same for one at the nominal diameter.
+const NAMED: f32 = 0.3;
 
 /// The rod's circle as it was found.
 pub(super) struct Found {
@@ -86,17 +88,20 @@ pub(super) fn rim(
     if most < LEAST * sights.len() as f32 {
         return None;
     }
-    let peaks: Vec<usize> = (1..support.len() - 1)
-        .filter(|&b| {
-            support[b] >= SUPPORTED * most
+    let peaks_above = |share: f32| -> Vec<usize> {
+        let high = |b: &usize| {
+            let b = *b;
+            support[b] >= share * most
                 && support[b] >= support[b - 1]
                 && support[b] > support[b + 1]
-        })
-        .collect();
+        };
+        (1..support.len() - 1).filter(high).collect()
+    };
+    let peaks = peaks_above(SUPPORTED);
     let radius_mm = |b: usize| about.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
     let named = nominal_mm.and_then(|d| {
         let gap = |b: usize| (radius_mm(b) - 0.5 * d).abs();
-        let nearest = peaks.iter().copied().min_by(|&a, &b| gap(a).total_cmp(&gap(b)))?;
+        let nearest = peaks_above(NAMED).into_iter().min_by(|&a, &b| gap(a).total_cmp(&gap(b)))?;
         (gap(nearest) < 0.005 * d).then_some(nearest)
     });
     let outer = named.or(peaks.last().copied())?;
