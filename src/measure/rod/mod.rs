@@ -110,7 +110,9 @@ pub fn measure_frames(
     let voters: Vec<_> = frames
         .par_iter()
         .enumerate()
-        .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
+        .map(|(i, (frame, view))| {
+            seek::voters(frame, view, captures[i].position_mm, i, frames.len())
+        })
         .collect::<Vec<_>>()
         .concat();
     let field = frames

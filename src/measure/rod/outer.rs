@@ -42,7 +42,7 @@ const CLOSER: usize = 12;
 const LEAST: f32 = 0.4;
 /// Share of the best circle's support that an outer one needs.
 const SUPPORTED: f32 = 0.65;
-/// The same for one at the nominal diameter.
+/// The same for one at the nominal diameter, where no clearer one is.
 const NAMED: f32 = 0.3;
 
 /// The rod's circle as it was found.
@@ -100,9 +100,12 @@ pub(super) fn rim(
     let peaks = peaks_above(SUPPORTED);
     let radius_mm = |b: usize| about.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
     let named = nominal_mm.and_then(|d| {
-        let gap = |b: usize| (radius_mm(b) - 0.5 * d).abs();
-        let nearest = peaks_above(NAMED).into_iter().min_by(|&a, &b| gap(a).total_cmp(&gap(b)))?;
-        (gap(nearest) < 0.005 * d).then_some(nearest)
+        let gap = |b: &usize| (radius_mm(*b) - 0.5 * d).abs();
+        let nearest = |peaks: &[usize]| {
+            let nearest = peaks.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)))?;
+            (gap(nearest) < 0.005 * d).then_some(*nearest)
+        };
+        nearest(&peaks).or_else(|| nearest(&peaks_above(NAMED)))
     });
     let outer = named.or(peaks.last().copied())?;
     let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
@@ -223,8 +226,8 @@ impl Sight {
         let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
         let bin_px = bin_mm / pixel_mm;
         let band = Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px, sectors: SECTORS };
-        // A step is taken over several bins: blocks as wide as one say as much as pixels.
-        let profiles = scan(frame, bin_px as usize, &contour, band);
+        // Blocks of half a bin say as much as pixels.
+        let profiles = scan(frame, (bin_px / LEAST_BIN_PX) as usize, &contour, band);
         let toward = profiles
             .angle_rad
             .iter()
