@@ -110,9 +110,7 @@ pub fn measure_frames(
     let voters: Vec<_> = frames
         .par_iter()
         .enumerate()
-        .map(|(i, (frame, view))| {
-            seek::voters(frame, view, captures[i].position_mm, i, frames.len())
-        })
+        .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
         .collect::<Vec<_>>()
         .concat();
     let field = frames

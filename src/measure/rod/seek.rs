@@ -9,10 +9,8 @@ use crate::frame::Frame;
 
 /// Share of a capture's gradients that vote.
 const STRONGEST: f64 = 0.05;
-/// Most voters of all captures at each scale, and of one.
-const VOTERS: usize = 8000;
-const MOST_VOTERS: usize = 4000;
-const LEAST_VOTERS: usize = 1000;
+/// Most voters of a capture at each scale: fewer lose the rim beside the chamfer now and then.
+const VOTERS: usize = 4000;
 /// Scales at which they are looked for: no rim is softer.
 const SCALES: usize = 2;
 /// Cells along the longer side of the voting grid.
@@ -28,19 +26,17 @@ pub(super) struct Voter {
     capture: usize,
 }
 
-/// The voters of one capture of `captures`.
+/// The voters of one capture.
 pub(super) fn voters(
     frame: &Frame,
     view: &View,
     position_mm: Vector2<f64>,
     capture: usize,
-    captures: usize,
 ) -> Vec<Voter> {
-    let most = (VOTERS / captures.max(1)).clamp(LEAST_VOTERS, MOST_VOTERS);
     let look = Look::new(frame, SCALES);
     let mut list = Vec::new();
     for scale in 0..SCALES {
-        list.extend(voters_at(&look, scale, view, position_mm, capture, most));
+        list.extend(voters_at(&look, scale, view, position_mm, capture));
     }
     list
 }
@@ -51,7 +47,6 @@ fn voters_at(
     view: &View,
     position: Vector2<f64>,
     capture: usize,
-    most: usize,
 ) -> Vec<Voter> {
     let (blur, image) = &look.scales[scale];
     let mut seen: Vec<(f32, usize, usize, f32, f32)> = Vec::new();
@@ -73,7 +68,7 @@ fn voters_at(
     let least = 1.5 * look.noise as f32 / (blur * blur) as f32;
     seen.retain(|s| s.0 > least);
     seen.sort_by_key(|s| (s.2, s.1));
-    let step = seen.len().div_ceil(most).max(1);
+    let step = seen.len().div_ceil(VOTERS).max(1);
     seen.iter()
         .step_by(step)
         .map(|&(_, x, y, dx, dy)| {
