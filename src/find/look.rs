@@ -62,6 +62,14 @@ pub(super) fn value_at(image: &Gray<f32>, x: f64, y: f64) -> f32 {
     top + fy * (low - top)
 }
 
+/// Directions evenly all round.
+pub(super) fn directions<const N: usize>() -> [Vector2<f64>; N] {
+    std::array::from_fn(|i| {
+        let (s, c) = (std::f64::consts::TAU * i as f64 / N as f64).sin_cos();
+        Vector2::new(c, s)
+    })
+}
+
 /// Bilinear values at `count` places along a line from `start`, each by `step`; NaN outside the picture.
 pub(super) fn values_along(
     image: &Gray<f32>,
@@ -81,15 +89,12 @@ pub(super) fn values_along(
     }
     values.resize(inside.start, f32::NAN);
     // In whole numbers of a part of a pixel: places are found by adding.
-    const BITS: u32 = 16;
-    const ONE: f32 = (1 << BITS) as f32;
-    let fixed = |v: f64| (v * f64::from(ONE)) as i32;
     let first = start + step * inside.start as f64;
     let (mut u, mut v) = (fixed(first.x), fixed(first.y));
     let (along_u, along_v) = (fixed(step.x), fixed(step.y));
-    values.extend(inside.clone().map(|_| {
-        let at = (v >> BITS) as usize * w + (u >> BITS) as usize;
-        let part = |v: i32| (v & ((1 << BITS) - 1)) as f32 * (1.0 / ONE);
+    values.extend(inside.map(|_| {
+        let at = (v >> FRACTION) as usize * w + (u >> FRACTION) as usize;
+        let part = |v: i32| (v & ((1 << FRACTION) - 1)) as f32 * (1.0 / (1 << FRACTION) as f32);
         let (fx, fy) = (part(u), part(v));
         (u, v) = (u + along_u, v + along_v);
         let (top, low) = (&image.data[at..at + 2], &image.data[at + w..at + w + 2]);
@@ -97,6 +102,14 @@ pub(super) fn values_along(
         top + fy * (low - top)
     }));
     values.resize(count, f32::NAN);
+}
+
+/// Bits for the fraction of a place in whole numbers.
+pub(super) const FRACTION: u32 = 16;
+
+/// A place as a whole number of parts of a pixel or cell; reduced pictures are far less than 2^15 wide.
+pub(super) fn fixed(place: f64) -> i32 {
+    (place * f64::from(1 << FRACTION)) as i32
 }
 
 /// Which of `count` steps from `start` lie in 0..`limit`, clear of it by more than steps are rounded.

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector2;
 
-use crate::find::look::{Look, value_at, values_along};
+use crate::find::look::{Look, directions, value_at, values_along};
 use crate::find::{Candidate, Options};
 use crate::fit::Circle;
 use crate::fit::circle;
@@ -261,14 +261,6 @@ fn refine(
         scatter_px: scale_px * k,
         score: coverage.powi(2) * (step / noise).clamp(0.0, 400.0).sqrt()
             / (1.0 + 0.3 * scale_px / blur),
-    })
-}
-
-/// Directions evenly all round.
-pub(super) fn directions<const N: usize>() -> [Vector2<f64>; N] {
-    std::array::from_fn(|i| {
-        let (s, c) = (std::f64::consts::TAU * i as f64 / N as f64).sin_cos();
-        Vector2::new(c, s)
     })
 }
 

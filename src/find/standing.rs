@@ -3,8 +3,7 @@
 use nalgebra::Vector2;
 
 use crate::find::Candidate;
-use crate::find::look::{Look, value_at};
-use crate::find::rays::directions;
+use crate::find::look::{Look, directions, value_at};
 use crate::fit::Circle;
 use crate::fit::robust::scatter;
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use crate::find::Options;
-use crate::find::look::{Look, blur};
+use crate::find::look::{FRACTION, Look, blur, fixed};
 use crate::frame::Gray;
 
 /// The strongest share of the gradients at each scale that votes.
@@ -50,8 +50,8 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
                 let steps = within(x, sx, aw as f32).min(within(y, sy, ah as f32));
                 let steps = steps.min(((far - near) as f32 / cell) as usize + 1);
                 // In whole numbers of a part of a cell: a line's cells are found by adding.
-                let (mut u, mut v) = (fixed(x), fixed(y));
-                let (along_u, along_v) = (fixed(sx), fixed(sy));
+                let (mut u, mut v) = (fixed(f64::from(x)), fixed(f64::from(y)));
+                let (along_u, along_v) = (fixed(f64::from(sx)), fixed(f64::from(sy)));
                 for _ in 0..steps {
                     let at = (v >> FRACTION) * aw as i32 + (u >> FRACTION);
                     // Rounding may lead a line's end over the border.
@@ -115,14 +115,6 @@ fn above_surroundings(votes: &Gray<f32>, sd: f64) -> Gray<f32> {
         }
     }
     Gray { width: w, height: h, data }
-}
-
-/// Bits for the fraction of a cell.
-const FRACTION: u32 = 16;
-
-/// A place in cells as a whole number; frames are far less than 2^15 cells wide.
-fn fixed(cells: f32) -> i32 {
-    (cells * (1 << FRACTION) as f32) as i32
 }
 
 /// Steps of a line from `start`, each by `step`, that stay in 0..`size`.

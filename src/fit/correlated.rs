@@ -10,10 +10,13 @@
 //! A group as a whole may also lie elsewhere than said (a machine's position is not exact): a random displacement,
 //! as large in all directions, whose size is one more dimension of the grid.
 
+mod covariance;
 mod displaced;
 
 use nalgebra::{DMatrix, DVector, Vector2};
 
+pub use covariance::groups;
+use covariance::{Kernel, Shape, Wandering, alike, kernels, whole};
 use displaced::{Solved, Whitened};
 
 /// What one edge has taught about how edges wander here, to judge a shorter edge of the same kind by.
@@ -49,7 +52,7 @@ pub struct Fit {
     pub beta: DVector<f64>,
     /// Their covariance.
     pub covariance: DMatrix<f64>,
-    /// What each observation would be without its own error.
+    /// What the coefficients leave of each observation.
     pub residuals: DVector<f64>,
     /// Observations minus coefficients.
     pub dof: f64,
@@ -81,32 +84,6 @@ const UNSTEADY: f64 = 0.4;
 
 /// Shares of the wandering part tried.
 const SHARES: [f64; 6] = [0.15, 0.35, 0.6, 0.8, 0.92, 0.98];
-
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Shape {
-    Exponential,
-    Gaussian,
-}
-
-/// How far wander reaches, and whether it is as large everywhere or as the white part.
-#[derive(Debug, Clone, Copy, PartialEq)]
-struct Kernel {
-    shape: Shape,
-    as_noise: bool,
-}
-
-/// All kernels of a shape.
-fn kernels(shape: Shape) -> [Kernel; 2] {
-    [false, true].map(|as_noise| Kernel { shape, as_noise })
-}
-
-/// A grid point: what share of the variance wanders, how far, and how.
-#[derive(Debug, Clone, Copy)]
-struct Wandering {
-    share: f64,
-    length: f64,
-    kernel: Kernel,
-}
 
 struct Candidate {
     beta: DVector<f64>,
@@ -180,7 +157,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     }
     let displaced = candidates.iter().filter(|c| c.displacement > 0.0).map(weight).sum::<f64>();
     let residuals = &rows.y - &rows.design * &beta;
-    let mut row_covariance = covariance_matrix(rows, mean_variance, best.wandering);
+    let mut row_covariance = whole(rows, mean_variance, best.wandering);
     let moved = displaced::most_likely(rows, &row_covariance, &residuals, best.displacement);
     displaced::add(rows, best.displacement, &mut row_covariance);
     row_covariance *= best.scale;
@@ -247,83 +224,6 @@ fn spacing_and_extent(rows: &Rows) -> (f64, f64) {
     }
     gaps.sort_by(f64::total_cmp);
     (gaps.get(gaps.len() / 2).copied().unwrap_or(1.0), extent)
-}
-
-/// How alike any two rows of each group wander: the kernel by itself. Nothing where nothing wanders.
-fn alike(rows: &Rows, shape: Shape, length: f64) -> Vec<DMatrix<f64>> {
-    let value = |i: usize, j: usize| {
-        let s = (rows.place[i] - rows.place[j]).norm() / length;
-        match shape {
-            Shape::Exponential => (-s).exp(),
-            Shape::Gaussian => (-0.5 * s * s).exp(),
-        }
-    };
-    let block = |range: std::ops::Range<usize>| {
-        let (at, n) = (range.start, range.len());
-        let mut block = DMatrix::zeros(n, n);
-        for j in 0..n {
-            for i in j..n {
-                block[(i, j)] = value(at + i, at + j);
-                block[(j, i)] = block[(i, j)];
-            }
-        }
-        block
-    };
-    groups(&rows.group).into_iter().map(block).collect()
-}
-
-/// Covariance of the rows of a group that stays in place, before scaling.
-fn block(
-    rows: &Rows,
-    range: std::ops::Range<usize>,
-    alike: Option<&DMatrix<f64>>,
-    mean_variance: f64,
-    Wandering { share, kernel, .. }: Wandering,
-) -> DMatrix<f64> {
-    let variance = &rows.variance[range];
-    let n = variance.len();
-    let mut c = alike.map_or_else(|| DMatrix::zeros(n, n), |alike| alike * share);
-    if kernel.as_noise {
-        let roots: Vec<f64> = variance.iter().map(|v| v.sqrt()).collect();
-        for (mut column, root) in c.column_iter_mut().zip(&roots) {
-            column.iter_mut().zip(&roots).for_each(|(c, r)| *c *= r * root);
-        }
-    } else {
-        c *= mean_variance;
-    }
-    for (i, v) in variance.iter().enumerate() {
-        c[(i, i)] += (1.0 - share) * v;
-    }
-    c
-}
-
-/// The rows of each group; a group's rows stand together.
-pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
-    let mut ranges = Vec::new();
-    let mut start = 0;
-    for i in 1..=group.len() {
-        if i == group.len() || group[i] != group[start] {
-            ranges.push(start..i);
-            start = i;
-        }
-    }
-    ranges
-}
-
-/// Covariance of the rows where their groups stay in place, before scaling.
-fn covariance_matrix(rows: &Rows, mean_variance: f64, wandering: Wandering) -> DMatrix<f64> {
-    let n = rows.y.len();
-    let mut whole = DMatrix::zeros(n, n);
-    let how_alike = if wandering.share > 0.0 {
-        alike(rows, wandering.kernel.shape, wandering.length)
-    } else {
-        Vec::new()
-    };
-    for (i, range) in groups(&rows.group).into_iter().enumerate() {
-        let c = block(rows, range.clone(), how_alike.get(i), mean_variance, wandering);
-        whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
-    }
-    whole
 }
 
 /// Generalised least squares at one grid point of the wander and all of the displacement, with their restricted log

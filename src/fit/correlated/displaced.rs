@@ -5,7 +5,8 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2xX, Vector2};
 
-use super::{Rows, Wandering, block, groups};
+use super::Rows;
+use super::covariance::{Wandering, block, groups};
 
 /// Variances tried of a displacement, in those of a row's white part.
 pub(super) const VARIANCES: [f64; 8] = [0.1, 1.0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6];
