@@ -5,6 +5,7 @@
 mod coverage;
 mod decoded;
 mod discs;
+mod holdout;
 mod hostile;
 mod paint;
 mod peers;
@@ -14,6 +15,8 @@ mod stats;
 const USAGE: &str = "discs [RUNS]
 coverage burns|circles|rods [CASES] [SEED]
 hostile [CASES] [SEED]
+holdout burns|rods [CASES] [SEED]    (VERBOSE=1: a line for each picture)
+holdout-picture burn|rod LEVEL SEED FILE    (writes one of them; of a rod, FILE-1, FILE-2, ...)
 picture SORT SEED FILE    (writes one of the hostile pictures)
 discs-for-peers FOLDER [COUNT]    (for tools/peers/discs)";
 
@@ -24,6 +27,8 @@ fn main() {
     match word(0) {
         "discs" => discs::table(number(1, 100)),
         "coverage" if coverage::table(word(1), number(2, 50), number(3, 1)) => {}
+        "holdout" if holdout::table(word(1), number(2, 40), number(3, 1)) => {}
+        "holdout-picture" if holdout::picture(word(1), word(2), number(3, 1), word(4)) => {}
         "hostile" => hostile::table(number(1, 320), number(2, 1)),
         "picture" => hostile::one(word(1), number(2, 1), word(3)),
         "discs-for-peers" => {

@@ -1,0 +1,139 @@
+//! A second renderer, which shares nothing with the program's own, and how the program measures its pictures.
+//!
+//! Burn pictures and captures of check rods at three levels, all of a picture drawn from its seed: [`burn`], [`rod`].
+
+mod burn;
+mod caliper;
+mod contour;
+mod dice;
+mod dirt;
+mod optics;
+mod texture;
+
+use nalgebra::Vector2;
+use pivotsight::error::Result;
+use pivotsight::frame::{Channel, Picture};
+use rayon::prelude::*;
+
+use crate::stats::{quantile, share};
+use burn::{BurnPicture, Mark};
+use caliper::Search;
+use dice::Level;
+
+/// How one picture or set was answered.
+struct Answer {
+    /// Error and its u95, or why there is none.
+    result: std::result::Result<[[f64; 2]; 2], String>,
+    /// Error of the plain caliper.
+    caliper_mm: Option<f64>,
+    story: String,
+}
+
+/// Prints the table of one kind of picture: `burns` or `rods`. `false` for any other.
+pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
+    let (what, answer): (_, fn(Level, u64) -> Answer) = match kind {
+        "burns" => ("pictures", burn_answer),
+        _ => return false,
+    };
+    println!(
+        "| holdout {kind} | {what} | refused | median µm | rms µm | worst µm | u95 holds | over 3 u95 | caliper median µm |"
+    );
+    println!("|---|---|---|---|---|---|---|---|---|");
+    for level in Level::ALL {
+        let seeds = (0..cases).into_par_iter().map(|i| seed * 100_000 + i);
+        let answers: Vec<(u64, Answer)> = seeds.map(|s| (s, answer(level, s))).collect();
+        if std::env::var_os("VERBOSE").is_some() {
+            answers.iter().for_each(|(s, a)| eprintln!("{} {s}: {}", level.name(), line(a)));
+        }
+        row(level, &answers.into_iter().map(|a| a.1).collect::<Vec<_>>());
+    }
+    true
+}
+
+fn line(answer: &Answer) -> String {
+    let caliper = answer.caliper_mm.map_or("-".to_owned(), |c| format!("{:.3}", 1e3 * c));
+    let Answer { story, .. } = answer;
+    match &answer.result {
+        Ok([error, u95]) => {
+            let [x, y] = error.map(|e| 1e3 * e);
+            let [a, b] = u95.map(|u| 1e3 * u);
+            format!("off {x:.3} {y:.3} µm, u95 {a:.3} {b:.3}, caliper {caliper}; {story}")
+        }
+        Err(why) => format!("refused: {why}, caliper {caliper}; {story}"),
+    }
+}
+
+fn row(level: Level, answers: &[Answer]) {
+    let good: Vec<&[[f64; 2]; 2]> = answers.iter().filter_map(|a| a.result.as_ref().ok()).collect();
+    let sizes: Vec<f64> = good.iter().map(|[e, _]| 1e3 * e[0].hypot(e[1])).collect();
+    let rms = (sizes.iter().map(|s| s * s).sum::<f64>() / sizes.len() as f64).sqrt();
+    let ratios: Vec<f64> =
+        good.iter().flat_map(|[e, u]| [e[0].abs() / u[0], e[1].abs() / u[1]]).collect();
+    let within = |k: f64| ratios.iter().filter(|r| **r <= k).count();
+    let calipers: Vec<f64> = answers.iter().filter_map(|a| Some(1e3 * a.caliper_mm?)).collect();
+    println!(
+        "| {} | {} | {} | {:.3} | {rms:.3} | {:.3} | {} | {} | {:.3} |",
+        level.name(),
+        answers.len(),
+        answers.len() - good.len(),
+        quantile(&sizes, 0.5),
+        quantile(&sizes, 1.0),
+        share(within(1.0), ratios.len()),
+        ratios.len() - within(3.0),
+        quantile(&calipers, 0.5),
+    );
+}
+
+fn burn_answer(level: Level, seed: u64) -> Answer {
+    let made = burn::render(level, seed);
+    let measured = || -> Result<_> {
+        let picture = Picture::decode("holdout", &made.photo.pgm())?;
+        let options = pivotsight::measure::burn::Options::default();
+        let subject = "holdout";
+        let report =
+            pivotsight::measure::burn::measure(&picture, &made.calibration, &options, subject)?
+                .report;
+        let error = Vector2::from(report.offset_mm) - truth_mm(&made);
+        Ok([error.into(), report.offset_u95_mm])
+    };
+    Answer {
+        result: measured().map_err(|e| e.to_string()),
+        caliper_mm: burn_caliper_mm(&made),
+        story: made.story.clone(),
+    }
+}
+
+fn truth_mm(made: &BurnPicture) -> Vector2<f64> {
+    made.spot.centre_mm - made.ring.centre_mm
+}
+
+fn burn_caliper_mm(made: &BurnPicture) -> Option<f64> {
+    let picture = Picture::decode("holdout", &made.photo.pgm()).ok()?;
+    let frame = picture.into_frame(Channel::Luminance);
+    let centre = |mark: &Mark| {
+        let search = Search {
+            centre_mm: mark.centre_mm,
+            radius_mm: mark.radius_mm,
+            reach_mm: mark.softness_mm.min(0.9 * mark.radius_mm).max(4.0 * burn::MM_PER_PX),
+            step_mm: 0.5 * burn::MM_PER_PX,
+        };
+        let ways = (0..360).map(|k| f64::from(k).to_radians());
+        caliper::centre_mm(&search, &caliper::points(&frame, &made.camera, &search, ways))
+    };
+    let offset = centre(&made.spot)? - centre(&made.ring)?;
+    Some((offset - truth_mm(made)).norm())
+}
+
+/// Writes the picture of a level and seed as PNG and says what is in it.
+pub fn picture(kind: &str, level: &str, seed: u64, path: &str) -> bool {
+    let Some(level) = Level::named(level) else { return false };
+    let (written, answer) = match kind {
+        "burn" => (burn::render(level, seed).photo.write_png(path), burn_answer(level, seed)),
+        _ => return false,
+    };
+    if let Err(e) = written {
+        println!("{path}: {e}");
+    }
+    println!("{}", line(&answer));
+    true
+}
