@@ -32,7 +32,7 @@ struct Answer {
 /// Prints the table of one kind of picture: `burns` or `rods`. `false` for any other.
 pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
     let (what, answer): (_, fn(Level, u64) -> Answer) = match kind {
-        "burns" => ("pictures", burn_answer),
+        "burns" => ("pictures", |level, seed| burn_answer(&burn::render(level, seed))),
         _ => return false,
     };
     println!(
@@ -84,8 +84,7 @@ fn row(level: Level, answers: &[Answer]) {
     );
 }
 
-fn burn_answer(level: Level, seed: u64) -> Answer {
-    let made = burn::render(level, seed);
+fn burn_answer(made: &BurnPicture) -> Answer {
     let measured = || -> Result<_> {
         let picture = Picture::decode("holdout", &made.photo.pgm())?;
         let options = pivotsight::measure::burn::Options::default();
@@ -93,12 +92,12 @@ fn burn_answer(level: Level, seed: u64) -> Answer {
         let report =
             pivotsight::measure::burn::measure(&picture, &made.calibration, &options, subject)?
                 .report;
-        let error = Vector2::from(report.offset_mm) - truth_mm(&made);
+        let error = Vector2::from(report.offset_mm) - truth_mm(made);
         Ok([error.into(), report.offset_u95_mm])
     };
     Answer {
         result: measured().map_err(|e| e.to_string()),
-        caliper_mm: burn_caliper_mm(&made),
+        caliper_mm: burn_caliper_mm(made),
         story: made.story.clone(),
     }
 }
@@ -128,7 +127,10 @@ fn burn_caliper_mm(made: &BurnPicture) -> Option<f64> {
 pub fn picture(kind: &str, level: &str, seed: u64, path: &str) -> bool {
     let Some(level) = Level::named(level) else { return false };
     let (written, answer) = match kind {
-        "burn" => (burn::render(level, seed).photo.write_png(path), burn_answer(level, seed)),
+        "burn" => {
+            let made = burn::render(level, seed);
+            (made.photo.write_png(path), burn_answer(&made))
+        }
         _ => return false,
     };
     if let Err(e) = written {

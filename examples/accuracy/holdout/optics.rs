@@ -78,7 +78,11 @@ impl Camera {
                 );
                 let mut straight = bent;
                 for _ in 0..INVERSION_ROUNDS {
-                    straight += bent - distorted(straight, &lens.distortion);
+                    let step = bent - distorted(straight, &lens.distortion);
+                    straight += step;
+                    if step.norm_squared() < 1e-28 {
+                        break;
+                    }
                 }
                 projected(to_plane, straight)
             }
