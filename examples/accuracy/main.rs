@@ -16,7 +16,7 @@ const USAGE: &str = "discs [RUNS]
 coverage burns|circles|rods [CASES] [SEED]
 hostile [CASES] [SEED]
 holdout burns|rods [CASES] [SEED]    (VERBOSE=1: a line for each picture)
-holdout-picture burn|rod LEVEL SEED FILE    (writes one of them; of a rod, FILE-1, FILE-2, ...)
+holdout-picture burn|rod LEVEL SEED FILE    (writes one of them; of a rod, FILE-1.png, FILE-2.png ...)
 picture SORT SEED FILE    (writes one of the hostile pictures)
 discs-for-peers FOLDER [COUNT]    (for tools/peers/discs)";
 

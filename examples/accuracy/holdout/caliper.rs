@@ -1,6 +1,6 @@
 //! A plain caliper that starts at the truth: what a picture allows simply, with nothing to find and nothing to doubt.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Vector2};
 use pivotsight::frame::Frame;
 
 use super::optics::Camera;
@@ -17,66 +17,89 @@ pub struct Search {
     pub step_mm: f64,
 }
 
-/// Edge points at half level, with the contrast of each.
+/// An edge point at half level, with its contrast.
+pub struct Point {
+    pub place_mm: Vector2<f64>,
+    pub contrast: f64,
+}
+
+/// Edge points in the directions `ways`, as far as they are in the frame.
 pub fn points(
     frame: &Frame,
     camera: &Camera,
     search: &Search,
     ways: impl Iterator<Item = f64>,
-) -> Vec<Vector2<f64>> {
-    let found: Vec<(Vector2<f64>, f64)> = ways
-        .filter_map(|way| {
-            let along = Vector2::new(way.cos(), way.sin());
-            let place = |out_mm: f64| search.centre_mm + along * (search.radius_mm + out_mm);
-            let steps = (search.reach_mm / search.step_mm).ceil() as i32;
-            let offsets: Vec<f64> =
-                (-steps..=steps).map(|k| f64::from(k) * search.step_mm).collect();
-            let sample = |out_mm: &f64| gray(frame, camera.to_pixel(place(*out_mm)));
-            let profile: Vec<f64> = offsets.iter().map(sample).collect::<Option<_>>()?;
-            let end = profile.len() / 6;
-            let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-            let (inside, outside) = (mean(&profile[..end]), mean(&profile[profile.len() - end..]));
-            let half = 0.5 * (inside + outside);
-            let crossing = (1..profile.len())
-                .filter(|k| (profile[k - 1] - half) * (profile[*k] - half) <= 0.0)
-                .filter(|k| profile[k - 1] != profile[*k])
-                .map(|k| {
-                    let part = (half - profile[k - 1]) / (profile[k] - profile[k - 1]);
-                    offsets[k - 1] + part * search.step_mm
-                })
-                .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
-            Some((place(crossing), outside - inside))
-        })
-        .collect();
-    let mut contrasts: Vec<f64> = found.iter().map(|f| f.1).collect();
-    contrasts.sort_by(f64::total_cmp);
-    let usual = contrasts.get(contrasts.len() / 2).copied().unwrap_or(0.0);
-    found.into_iter().filter(|f| f.1 / usual > LEAST_CONTRAST).map(|f| f.0).collect()
+) -> Vec<Point> {
+    ways.filter_map(|way| {
+        let along = Vector2::new(way.cos(), way.sin());
+        let place = |out_mm: f64| search.centre_mm + along * (search.radius_mm + out_mm);
+        let steps = (search.reach_mm / search.step_mm).ceil() as i32;
+        let offsets: Vec<f64> = (-steps..=steps).map(|k| f64::from(k) * search.step_mm).collect();
+        let sample = |out_mm: &f64| gray(frame, camera.to_pixel(place(*out_mm)));
+        let profile: Vec<f64> = offsets.iter().map(sample).collect::<Option<_>>()?;
+        let end = profile.len() / 6;
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let (inside, outside) = (mean(&profile[..end]), mean(&profile[profile.len() - end..]));
+        let half = 0.5 * (inside + outside);
+        let crossing = (1..profile.len())
+            .filter(|k| (profile[k - 1] - half) * (profile[*k] - half) <= 0.0)
+            .filter(|k| profile[k - 1] != profile[*k])
+            .map(|k| {
+                let part = (half - profile[k - 1]) / (profile[k] - profile[k - 1]);
+                offsets[k - 1] + part * search.step_mm
+            })
+            .min_by(|a, b| a.abs().total_cmp(&b.abs()))?;
+        Some(Point { place_mm: place(crossing), contrast: outside - inside })
+    })
+    .collect()
 }
 
-/// The circle through the points, those beyond three standard deviations left out.
-pub fn centre_mm(search: &Search, points: &[Vector2<f64>]) -> Option<Vector2<f64>> {
-    let mut circle = Vector3::new(search.centre_mm.x, search.centre_mm.y, search.radius_mm);
+/// Leaves out what has hardly any contrast, or the other way round.
+pub fn keep_clear<T>(points: &mut Vec<T>, contrast: impl Fn(&T) -> f64) {
+    let mut contrasts: Vec<f64> = points.iter().map(&contrast).collect();
+    contrasts.sort_by(f64::total_cmp);
+    let usual = contrasts.get(contrasts.len() / 2).copied().unwrap_or(0.0);
+    points.retain(|p| contrast(p) / usual > LEAST_CONTRAST);
+}
+
+/// Least squares, what misses by more than three standard deviations left out. `row` gives a point's miss at the present parameters
+/// and its derivatives (of the model).
+pub fn fit<T>(
+    points: &[T],
+    mut at: DVector<f64>,
+    row: impl Fn(&DVector<f64>, &T) -> (DVector<f64>, f64),
+) -> Option<DVector<f64>> {
+    let many = at.len();
     let mut most = f64::INFINITY;
     for _ in 0..12 {
-        let (mut normal, mut right, mut square, mut count) =
-            (Matrix3::zeros(), Vector3::zeros(), 0.0, 0);
+        let (mut normal, mut right) = (DMatrix::zeros(many, many), DVector::zeros(many));
+        let (mut square, mut count) = (0.0, 0);
         for point in points {
-            let d = point - circle.xy();
-            let miss = d.norm() - circle.z;
-            if miss.abs() > most {
-                continue;
+            let (slopes, miss) = row(&at, point);
+            if miss.abs() <= most {
+                normal += &slopes * slopes.transpose();
+                right += slopes * miss;
+                square += miss * miss;
+                count += 1;
             }
-            let row = Vector3::new(d.x / d.norm(), d.y / d.norm(), 1.0);
-            normal += row * row.transpose();
-            right += row * miss;
-            square += miss * miss;
-            count += 1;
         }
-        circle += normal.try_inverse()? * right;
-        most = 3.0 * (square / f64::from(count.max(4) - 3)).sqrt() + 1e-9;
+        at += normal.cholesky()?.solve(&right);
+        most = 3.0 * (square / (count as f64 - many as f64).max(1.0)).sqrt() + 1e-9;
     }
-    Some(circle.xy())
+    Some(at)
+}
+
+/// The centre of the circle through the points about a search's circle.
+pub fn centre_mm(search: &Search, mut points: Vec<Point>) -> Option<Vector2<f64>> {
+    keep_clear(&mut points, |p| p.contrast);
+    let start =
+        DVector::from_column_slice(&[search.centre_mm.x, search.centre_mm.y, search.radius_mm]);
+    let circle = fit(&points, start, |circle, point| {
+        let d = point.place_mm - Vector2::new(circle[0], circle[1]);
+        let r = d.norm();
+        (DVector::from_column_slice(&[d.x / r, d.y / r, 1.0]), r - circle[2])
+    })?;
+    Some(Vector2::new(circle[0], circle[1]))
 }
 
 /// Bilinear; nothing outside the frame.

@@ -101,10 +101,6 @@ pub struct Raggedness {
     pub is_rough: bool,
 }
 
-impl Raggedness {
-    pub const NONE: Self = Self { rms_mm: 0.0, length_mm: 1.0, is_rough: false };
-}
-
 const DIRECTIONS: usize = 4096;
 /// Shortest wave of a ragged edge.
 const SHORTEST_WAVE_MM: f64 = 0.03;

@@ -8,17 +8,21 @@ mod contour;
 mod dice;
 mod dirt;
 mod optics;
+mod rod;
 mod texture;
 
-use nalgebra::Vector2;
+use nalgebra::{DVector, Rotation2, Vector2};
 use pivotsight::error::Result;
-use pivotsight::frame::{Channel, Picture};
+use pivotsight::frame::{Channel, Frame, Picture};
+use pivotsight::measure::{self, rod::Capture};
 use rayon::prelude::*;
 
 use crate::stats::{quantile, share};
 use burn::{BurnPicture, Mark};
 use caliper::Search;
 use dice::Level;
+use optics::{HEIGHT_PX, WIDTH_PX};
+use rod::RodSet;
 
 /// How one picture or set was answered.
 struct Answer {
@@ -33,6 +37,7 @@ struct Answer {
 pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
     let (what, answer): (_, fn(Level, u64) -> Answer) = match kind {
         "burns" => ("pictures", |level, seed| burn_answer(&burn::render(level, seed))),
+        "rods" => ("sets", |level, seed| rod_answer(&rod::render(level, seed))),
         _ => return false,
     };
     println!(
@@ -87,11 +92,9 @@ fn row(level: Level, answers: &[Answer]) {
 fn burn_answer(made: &BurnPicture) -> Answer {
     let measured = || -> Result<_> {
         let picture = Picture::decode("holdout", &made.photo.pgm())?;
-        let options = pivotsight::measure::burn::Options::default();
+        let options = measure::burn::Options::default();
         let subject = "holdout";
-        let report =
-            pivotsight::measure::burn::measure(&picture, &made.calibration, &options, subject)?
-                .report;
+        let report = measure::burn::measure(&picture, &made.calibration, &options, subject)?.report;
         let error = Vector2::from(report.offset_mm) - truth_mm(made);
         Ok([error.into(), report.offset_u95_mm])
     };
@@ -117,24 +120,107 @@ fn burn_caliper_mm(made: &BurnPicture) -> Option<f64> {
             step_mm: 0.5 * burn::MM_PER_PX,
         };
         let ways = (0..360).map(|k| f64::from(k).to_radians());
-        caliper::centre_mm(&search, &caliper::points(&frame, &made.camera, &search, ways))
+        caliper::centre_mm(&search, caliper::points(&frame, &made.camera, &search, ways))
     };
     let offset = centre(&made.spot)? - centre(&made.ring)?;
     Some((offset - truth_mm(made)).norm())
 }
 
+fn rod_answer(made: &RodSet) -> Answer {
+    let frames = || -> Result<Vec<Frame>> {
+        let each = made.shots.iter().map(|shot| Picture::decode("holdout", &shot.photo.pgm()));
+        each.map(|picture| Ok(picture?.into_frame(Channel::Luminance))).collect()
+    };
+    let frames = match frames() {
+        Ok(frames) => frames,
+        Err(e) => {
+            let story = made.story.clone();
+            return Answer { result: Err(e.to_string()), caliper_mm: None, story };
+        }
+    };
+    let caliper_mm = rod_caliper_mm(made, &frames);
+    let mut story = made.story.clone();
+    let measured = || -> Result<_> {
+        let view = made.calibration.view(WIDTH_PX, HEIGHT_PX)?;
+        let shown: Vec<_> = frames.into_iter().map(|frame| (frame, view.clone())).collect();
+        let capture = |(k, shot): (usize, &rod::Shot)| {
+            Capture::in_memory(format!("capture {k}"), shot.machine_mm, shot.c_deg)
+        };
+        let captures: Vec<Capture> = made.shots.iter().enumerate().map(capture).collect();
+        let options = measure::rod::Options { c_sense: made.c_sense, ..Default::default() };
+        let report = measure::rod::measure_frames(&captures, &shown, &options)?.report;
+        let (diameter_mm, u95_mm) = (report.diameter_mm, report.diameter_u95_mm);
+        story += &format!(
+            "; diameter off {:.3} µm, u95 {:.3}",
+            1e3 * (diameter_mm - 2.0 * made.radius_mm),
+            1e3 * u95_mm
+        );
+        let error = Vector2::from(report.axis_center_mm) - centre_mm(made);
+        Ok([error.into(), report.axis_center_u95_mm])
+    };
+    let result = measured().map_err(|e| e.to_string());
+    Answer { result, caliper_mm, story }
+}
+
+/// What is asked for: the C axis, or where one table angle only is seen, the rod's centre.
+fn centre_mm(made: &RodSet) -> Vector2<f64> {
+    if made.has_several_angles { made.axis_mm } else { made.shots[0].rod_mm }
+}
+
+/// Edge points of all captures fitted together: axis, radius and, with several angles, eccentricity.
+fn rod_caliper_mm(made: &RodSet, frames: &[Frame]) -> Option<f64> {
+    let mut points = Vec::new();
+    for (shot, frame) in made.shots.iter().zip(frames) {
+        let search = Search {
+            centre_mm: shot.rod_mm - shot.machine_mm,
+            radius_mm: made.radius_mm,
+            reach_mm: made.softness_mm.max(4.0 * made.mm_per_px),
+            step_mm: 0.5 * made.mm_per_px,
+        };
+        let ways = (0..3600).map(|k| (0.1 * f64::from(k)).to_radians());
+        let found = caliper::points(frame, &made.camera, &search, ways);
+        points.extend(found.into_iter().map(|p| (p, shot)));
+    }
+    caliper::keep_clear(&mut points, |p| p.0.contrast);
+    let mut start = DVector::zeros(if made.has_several_angles { 5 } else { 3 });
+    start[2] = made.radius_mm;
+    let found = caliper::fit(&points, start, |at, (point, shot)| {
+        let table = Rotation2::new(made.c_sense * shot.c_deg.to_radians());
+        let mut moved = Vector2::new(at[0], at[1]);
+        if made.has_several_angles {
+            moved += table * Vector2::new(at[3], at[4]);
+        }
+        let d = shot.machine_mm + point.place_mm - shot.rod_mm - moved;
+        let (r, n) = (d.norm(), d.normalize());
+        let turned = table.inverse() * n;
+        let slopes = [n.x, n.y, 1.0, turned.x, turned.y];
+        (DVector::from_column_slice(&slopes[..at.len()]), r - at[2])
+    })?;
+    Some(found[0].hypot(found[1]))
+}
+
 /// Writes the picture of a level and seed as PNG and says what is in it.
 pub fn picture(kind: &str, level: &str, seed: u64, path: &str) -> bool {
     let Some(level) = Level::named(level) else { return false };
-    let (written, answer) = match kind {
+    let (photos, answer) = match kind {
         "burn" => {
             let made = burn::render(level, seed);
-            (made.photo.write_png(path), burn_answer(&made))
+            let answer = burn_answer(&made);
+            (vec![(path.to_owned(), made.photo)], answer)
+        }
+        "rod" => {
+            let made = rod::render(level, seed);
+            let answer = rod_answer(&made);
+            let name = |k: usize| format!("{}-{}.png", path.trim_end_matches(".png"), k + 1);
+            let each = made.shots.into_iter().enumerate();
+            (each.map(|(k, shot)| (name(k), shot.photo)).collect(), answer)
         }
         _ => return false,
     };
-    if let Err(e) = written {
-        println!("{path}: {e}");
+    for (path, photo) in photos {
+        if let Err(e) = photo.write_png(&path) {
+            println!("{path}: {e}");
+        }
     }
     println!("{}", line(&answer));
     true

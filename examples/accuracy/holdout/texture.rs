@@ -126,15 +126,14 @@ impl Texture {
 
 /// A faced or turned surface: rings about the lathe's centre, brightest across the lamp, and a bow-tie of light.
 pub struct Turned {
-    pub centre_mm: Vector2<f64>,
+    centre_mm: Vector2<f64>,
     /// Ring by radius, `PITCH_MM` apart.
     rings: Vec<f64>,
-    pub lamp: f64,
     bow_tie: f64,
 }
 
 impl Turned {
-    pub fn new(size: f64, lamp: f64, dice: &mut Dice) -> Self {
+    pub fn new(size: f64, dice: &mut Dice) -> Self {
         let feed_mm = dice.between((0.03, 0.15));
         let phase = dice.angle();
         let rings = (0..4096).map(|i| {
@@ -148,17 +147,17 @@ impl Turned {
         Self {
             centre_mm: Vector2::new(way.cos(), way.sin()) * away_mm,
             rings,
-            lamp,
             bow_tie: dice.between((0.5, 2.5)) * size,
         }
     }
 
-    pub fn at(&self, plane_mm: Vector2<f64>) -> f64 {
+    /// `lamp` is the direction the light comes from.
+    pub fn at(&self, plane_mm: Vector2<f64>, lamp: Vector2<f64>) -> f64 {
         let p = plane_mm - self.centre_mm;
         let (x, r_mm) = (p.norm() / PITCH_MM, p.norm().max(1e-9));
         let i = (x as usize).min(self.rings.len() - 2);
         let ring = self.rings[i] + (x - i as f64).min(1.0) * (self.rings[i + 1] - self.rings[i]);
-        let toward = (p.x * self.lamp.cos() + p.y * self.lamp.sin()) / r_mm;
+        let toward = p.dot(&lamp) / r_mm;
         let bow = 2.0 * toward * toward - 1.0;
         ring * (0.6 + 0.4 * bow) + self.bow_tie * bow
     }
