@@ -17,8 +17,15 @@ const INVERSION_ROUNDS: usize = 10;
 
 /// A pinhole with distortion over a tilted plane, or a plain scale.
 pub enum Camera {
-    Pinhole { lens: Lens, to_plane: Matrix3<f64>, from_plane: Matrix3<f64> },
+    Pinhole(Box<Pinhole>),
     Scale { mm_per_px: f64, turn_rad: f64 },
+}
+
+/// The lens, and the plane by homographies from and to the undistorted normalised image.
+pub struct Pinhole {
+    lens: Lens,
+    to_plane: Matrix3<f64>,
+    from_plane: Matrix3<f64>,
 }
 
 impl Camera {
@@ -53,12 +60,14 @@ impl Camera {
         let mut from_plane = turn.matrix() * upright;
         from_plane.set_column(2, &Vector3::new(0.0, 0.0, f_px * mm_per_px));
         let inverse = from_plane.try_inverse().expect("a camera above the plane sees it");
-        Self::Pinhole { lens, to_plane: inverse / inverse[(2, 2)], from_plane }
+        let to_plane = inverse / inverse[(2, 2)];
+        Self::Pinhole(Box::new(Pinhole { lens, to_plane, from_plane }))
     }
 
     pub fn calibration(&self) -> Calibration {
         let mapping = match self {
-            Self::Pinhole { lens, to_plane, .. } => {
+            Self::Pinhole(pinhole) => {
+                let Pinhole { lens, to_plane, .. } = pinhole.as_ref();
                 Mapping::Pinhole { lens: lens.clone(), homography_mm: *to_plane }
             }
             Self::Scale { mm_per_px, turn_rad } => {
@@ -71,7 +80,8 @@ impl Camera {
     /// Pixel to mm in the plane.
     pub fn to_plane(&self, pixel: Vector2<f64>) -> Vector2<f64> {
         match self {
-            Self::Pinhole { lens, to_plane, .. } => {
+            Self::Pinhole(pinhole) => {
+                let Pinhole { lens, to_plane, .. } = pinhole.as_ref();
                 let bent = Vector2::new(
                     (pixel.x - lens.cx_px) / lens.fx_px,
                     (pixel.y - lens.cy_px) / lens.fy_px,
@@ -97,7 +107,8 @@ impl Camera {
     /// Mm in the plane to pixel.
     pub fn to_pixel(&self, plane_mm: Vector2<f64>) -> Vector2<f64> {
         match self {
-            Self::Pinhole { lens, from_plane, .. } => {
+            Self::Pinhole(pinhole) => {
+                let Pinhole { lens, from_plane, .. } = pinhole.as_ref();
                 let bent = distorted(projected(from_plane, plane_mm), &lens.distortion);
                 Vector2::new(bent.x * lens.fx_px + lens.cx_px, bent.y * lens.fy_px + lens.cy_px)
             }
