@@ -16,6 +16,7 @@ use pivotsight::error::Result;
 use pivotsight::frame::{Channel, Frame, Picture};
 use pivotsight::measure::{self, rod::Capture};
 use rayon::prelude::*;
+use serde_json::json;
 
 use crate::stats::{quantile, share};
 use burn::{BurnPicture, Mark};
@@ -90,19 +91,30 @@ fn row(level: Level, answers: &[Answer]) {
 }
 
 fn burn_answer(made: &BurnPicture) -> Answer {
-    let measured = || -> Result<_> {
+    let mut story = made.story.clone();
+    let mut measured = || -> Result<_> {
         let picture = Picture::decode("holdout", &made.photo.pgm())?;
         let options = measure::burn::Options::default();
         let subject = "holdout";
         let report = measure::burn::measure(&picture, &made.calibration, &options, subject)?.report;
         let error = Vector2::from(report.offset_mm) - truth_mm(made);
+        for (name, found, mark) in
+            [("ring", &report.ring, &made.ring), ("spot", &report.spot, &made.spot)]
+        {
+            let [x, y] = (Vector2::from(found.center_mm) - mark.centre_mm).into();
+            let [a, b] = found.center_u95_mm;
+            story += &format!(
+                "; {name} off {:.3} {:.3} µm, u95 {:.3} {:.3}",
+                1e3 * x,
+                1e3 * y,
+                1e3 * a,
+                1e3 * b
+            );
+        }
         Ok([error.into(), report.offset_u95_mm])
     };
-    Answer {
-        result: measured().map_err(|e| e.to_string()),
-        caliper_mm: burn_caliper_mm(made),
-        story: made.story.clone(),
-    }
+    let result = measured().map_err(|e| e.to_string());
+    Answer { result, caliper_mm: burn_caliper_mm(made), story }
 }
 
 fn truth_mm(made: &BurnPicture) -> Vector2<f64> {
@@ -199,27 +211,52 @@ fn rod_caliper_mm(made: &RodSet, frames: &[Frame]) -> Option<f64> {
     Some(found[0].hypot(found[1]))
 }
 
-/// Writes the picture of a level and seed as PNG and says what is in it.
+/// Writes the picture of a level and seed as PNG, with the calibration, the truth and the captures' table beside it, and says
+/// what is in it.
 pub fn picture(kind: &str, level: &str, seed: u64, path: &str) -> bool {
     let Some(level) = Level::named(level) else { return false };
-    let (photos, answer) = match kind {
+    let stem = path.trim_end_matches(".png");
+    let (photos, calibration, truth, table, answer) = match kind {
         "burn" => {
             let made = burn::render(level, seed);
             let answer = burn_answer(&made);
-            (vec![(path.to_owned(), made.photo)], answer)
+            let circle = |m: &Mark| json!({ "center_mm": m.centre_mm.as_slice(), "diameter_mm": 2.0 * m.radius_mm });
+            let truth = json!({ "ring": circle(&made.ring), "spot": circle(&made.spot) });
+            (vec![(path.to_owned(), made.photo)], made.calibration, truth, None, answer)
         }
         "rod" => {
             let made = rod::render(level, seed);
             let answer = rod_answer(&made);
-            let name = |k: usize| format!("{}-{}.png", path.trim_end_matches(".png"), k + 1);
+            let truth = json!({
+                "axis_center_mm": centre_mm(&made).as_slice(), "diameter_mm": 2.0 * made.radius_mm, "c_sense": made.c_sense,
+            });
+            let name = |k: usize| format!("{stem}-{}.png", k + 1);
+            let mut table = "image,x_mm,y_mm,c_deg\n".to_owned();
+            for (k, shot) in made.shots.iter().enumerate() {
+                let image = name(k);
+                let image = image.rsplit('/').next().unwrap_or_default();
+                let [x, y] = shot.machine_mm.into();
+                table += &format!("{image},{x},{y},{}\n", shot.c_deg);
+            }
             let each = made.shots.into_iter().enumerate();
-            (each.map(|(k, shot)| (name(k), shot.photo)).collect(), answer)
+            let photos = each.map(|(k, shot)| (name(k), shot.photo)).collect();
+            (photos, made.calibration, truth, Some(table), answer)
         }
         _ => return false,
     };
     for (path, photo) in photos {
         if let Err(e) = photo.write_png(&path) {
             println!("{path}: {e}");
+        }
+    }
+    let (calibration, truth) = (calibration.to_toml(), truth.to_string());
+    let beside = [("calib.toml", Some(calibration)), ("truth.json", Some(truth)), ("csv", table)];
+    for (ending, text) in beside {
+        let file = format!("{stem}.{ending}");
+        if let Some(text) = text
+            && let Err(e) = std::fs::write(&file, text)
+        {
+            println!("{file}: {e}");
         }
     }
     println!("{}", line(&answer));
