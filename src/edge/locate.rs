@@ -65,6 +65,8 @@ pub struct Located {
     pub step: Step,
     /// Standard deviation of a pixel about the model, in counts.
     pub noise: f64,
+    /// Whether errors go together along a profile, as those of brushed metal do.
+    pub textured: bool,
     /// Share of the sectors with a usable edge.
     pub coverage: f64,
     /// How far the edge would seem shifted if what fades away beside it, stronger on one side, were taken for edge.
@@ -181,7 +183,8 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             (least.min(tail), most.max(tail))
         });
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
-    Some(Located { points, template, step, noise: noise.pixel2.sqrt(), coverage, leaning_px })
+    let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
+    Some(Located { points, template, step, noise, textured, coverage, leaning_px })
 }
 
 /// How much worse or better than usual the sectors near each one fit. Brushed metal disturbs the arcs along its

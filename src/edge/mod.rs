@@ -4,6 +4,7 @@
 //! 2. [`scan`]: every pixel of the band goes, once and uninterpolated, into the profile of its sector.
 //! 3. [`locate`]: each sector's profile is matched with the profile common to all of them. No shape of edge is
 //!    assumed, so soft, asymmetric and multiple edges all work, and the noise bound is reached.
+//! 4. [`together()`]: a small mark on brushed metal, once more all round at once, free of the metal's texture.
 
 mod contour;
 mod levels;
@@ -14,6 +15,9 @@ mod sector;
 mod shading;
 mod shape;
 mod template;
+mod texture;
+mod together;
+mod window;
 
 pub use contour::Contour;
 pub(crate) use contour::wrap;
@@ -22,3 +26,4 @@ pub use scan::{Band, Profiles, scan};
 pub use shading::flatten;
 pub use template::Template;
 pub(crate) use template::lens_share;
+pub use together::{Together, together};

@@ -40,6 +40,11 @@ impl Noise {
         Self { pixel2, shape2, share: 0.0, length_px: 1.0, start_px, step_px }
     }
 
+    /// Whether neighbouring bins err together.
+    pub(super) fn is_correlated(&self) -> bool {
+        self.share > 0.0
+    }
+
     /// Variance of a bin's mean.
     pub(super) fn variance(&self, bin: &Bin, node: usize) -> f64 {
         self.pixel2 / bin.count + self.shape2[node]

@@ -37,6 +37,8 @@ pub struct Rows {
     pub y: DVector<f64>,
     /// Relative variance of each observation's white part.
     pub variance: Vec<f64>,
+    /// The same with what observations have in common, where that is known; for one group only.
+    pub covariance: Option<DMatrix<f64>>,
     /// Where each observation lies, for the distance between two of them.
     pub place: Vec<Vector2<f64>>,
     /// Observations of different groups (pictures) are independent. Groups are consecutive.
@@ -285,6 +287,7 @@ mod tests {
             place: angles.iter().map(|t| Vector2::new(t.cos(), t.sin()) * radius).collect(),
             group: vec![0; angles.len()],
             displacement: None,
+            covariance: None,
         }
     }
 

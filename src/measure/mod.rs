@@ -7,6 +7,7 @@ pub mod cross;
 mod marks;
 pub mod ring;
 pub mod rod;
+mod rows;
 
 use serde::Serialize;
 

@@ -1,12 +1,13 @@
 //! One circle measured to the noise: from a rough circle in the plane to centre, radius and their covariance.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{Matrix2, Vector2};
 
 use crate::camera::View;
 use crate::edge::{Band, Contour, LocateOptions, Located, flatten, lens_share, locate, scan};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
+use crate::measure::rows::{final_weights, group_rows, robust_weights, textured_rows};
 
 /// Groups of sectors the correlated fit works on: enough for the wander of any real edge.
 const GROUPS: usize = 72;
@@ -134,6 +135,8 @@ pub struct Points {
     pub radius_px: f64,
     /// Size of a pixel in the plane, mm.
     pub pixel_mm: f64,
+    /// The brightest that the camera can tell, where the picture holds it.
+    pub clip: Option<f32>,
     /// Whether the inside of the edge is as bright as the camera can tell.
     pub clipped_inside: bool,
 }
@@ -203,6 +206,7 @@ pub(super) fn edge_points(
         span: contour.span_rad / std::f64::consts::TAU,
         radius_px: contour.mean_radius_px(),
         pixel_mm: view.pixel_mm(),
+        clip,
         clipped_inside: clip.is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
         located,
     };
@@ -256,54 +260,27 @@ pub fn measure(
         close |= settled;
     }
     let (points, fitted) = last?;
-    finish(view, &points, &fitted, known)
+    let weights = final_weights(&points, &fitted);
+    let sectors = group_rows(&points, &weights, fitted.circle, GROUPS);
+    let together = textured_rows(frame, view, &points, fitted.circle, search);
+    let fit = correlated::fit(together.as_ref().unwrap_or(&sectors), known)?;
+    Some(finish(view, &points, fitted.circle, &weights, &sectors, fit))
 }
 
-/// Weights for the robust circle: inverse variances, but none so sure that it outweighs the form of the edge.
-pub(super) fn robust_weights(points: &Points) -> Vec<f64> {
-    let mut known: Vec<f64> = points
-        .variance_mm2
-        .iter()
-        .zip(&points.usable)
-        .filter(|(v, u)| **u && v.is_finite())
-        .map(|(v, _)| *v)
-        .collect();
-    known.sort_by(f64::total_cmp);
-    let middle = known.get(known.len() / 2).copied().unwrap_or(1.0);
-    points
-        .variance_mm2
-        .iter()
-        .zip(&points.usable)
-        .map(|(v, u)| if *u { 1.0 / v.max(0.3 * middle) } else { 0.0 })
-        .collect()
-}
-
-/// The last step: groups of edge points, generalised least squares about the robust circle.
+/// What the correlated fit about a circle says of the edge, its form in the sectors included.
 fn finish(
     view: &View,
     points: &Points,
-    fitted: &circle::Robust,
-    known: Option<&Wander>,
-) -> Option<Ring> {
-    let about = fitted.circle;
-    // Robust weights have done their work: what is within reach of the circle counts in full.
-    let weights: Vec<f64> = fitted
-        .weights
-        .iter()
-        .zip(robust_weights(points))
-        .zip(&points.place_mm)
-        .map(|((robust, own), p)| {
-            let keep = *robust > 0.0 && about.distance(*p).abs() < 3.5 * fitted.scale;
-            if keep { own } else { 0.0 }
-        })
-        .collect();
-    let rows = group_rows(points, &weights, about, GROUPS);
-    let fit = correlated::fit(&rows, known)?;
+    about: Circle,
+    weights: &[f64],
+    sectors: &correlated::Rows,
+    fit: correlated::Fit,
+) -> Ring {
     let center = about.center + Vector2::new(fit.beta[0], fit.beta[1]);
+    let residuals = &sectors.y - &sectors.design * &fit.beta;
     // Faint sectors are noise more than form: they count by what they know.
-    let known: f64 = rows.variance.iter().map(|v| 1.0 / v).sum();
-    let form =
-        fit.residuals.iter().zip(&rows.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
+    let known: f64 = sectors.variance.iter().map(|v| 1.0 / v).sum();
+    let form = residuals.iter().zip(&sectors.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     // A blurred disc's half level lies σ²/2R inside its rim.
     let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
@@ -318,7 +295,7 @@ fn finish(
         covariance[(i, i)] += soft_mm * soft_mm + leaning_mm * leaning_mm;
     }
     let used = weights.iter().filter(|w| **w > 0.0).count();
-    Some(Ring {
+    Ring {
         circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm + tint_mm },
         covariance,
         dof: fit.dof,
@@ -332,58 +309,12 @@ fn finish(
         blur_mm,
         clipped_inside: points.clipped_inside,
         wander: fit.wander,
-        trace: points.place_px.iter().zip(&weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
-        residuals: rows
+        trace: points.place_px.iter().zip(weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
+        residuals: sectors
             .place
             .iter()
-            .zip(fit.residuals.iter())
+            .zip(&residuals)
             .map(|(p, r)| ((p - about.center).y.atan2((p - about.center).x), *r))
             .collect(),
-    })
-}
-
-/// Radial residuals of neighbouring edge points joined into at most `groups` rows for the correlated fit, with
-/// coefficients for centre x, y and radius.
-pub(super) fn group_rows(
-    points: &Points,
-    weights: &[f64],
-    about: Circle,
-    groups: usize,
-) -> correlated::Rows {
-    let n = points.place_mm.len();
-    let size = n.div_ceil(groups).max(1);
-    let mut design = Vec::new();
-    let mut y = Vec::new();
-    let mut variance = Vec::new();
-    let mut place = Vec::new();
-    for chunk in (0..n).collect::<Vec<_>>().chunks(size) {
-        let (mut total, mut sum, mut at, mut spread) = (0.0, 0.0, Vector2::zeros(), 0.0);
-        for &i in chunk {
-            let w = weights[i];
-            if w > 0.0 {
-                total += w;
-                sum += w * about.distance(points.place_mm[i]);
-                at += points.place_mm[i] * w;
-                spread += w * w * points.variance_mm2[i];
-            }
-        }
-        if total > 0.0 {
-            let middle = at / total;
-            let normal = (middle - about.center).normalize();
-            design.extend([normal.x, normal.y, 1.0]);
-            y.push(sum / total);
-            variance.push(spread / (total * total));
-            place.push(middle);
-        }
-    }
-    let mean = variance.iter().sum::<f64>() / variance.len().max(1) as f64;
-    variance.iter_mut().for_each(|v| *v = v.max(0.05 * mean));
-    correlated::Rows {
-        design: DMatrix::from_row_slice(y.len(), 3, &design),
-        group: vec![0; y.len()],
-        y: DVector::from_vec(y),
-        variance,
-        place,
-        displacement: None,
     }
 }

@@ -72,8 +72,9 @@ pub(super) fn block(
     } else {
         c *= mean_variance;
     }
-    for (i, v) in variance.iter().enumerate() {
-        c[(i, i)] += (1.0 - share) * v;
+    match &rows.covariance {
+        Some(known) => c += known * (1.0 - share),
+        None => variance.iter().enumerate().for_each(|(i, v)| c[(i, i)] += (1.0 - share) * v),
     }
     c
 }

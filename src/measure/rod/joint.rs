@@ -7,7 +7,8 @@ use crate::fit::circle::tukey;
 use crate::fit::correlated::{self, Fit, Rows};
 use crate::fit::least_squares;
 use crate::fit::robust::{median, scatter};
-use crate::measure::ring::{Points, group_rows, robust_weights};
+use crate::measure::ring::Points;
+use crate::measure::rows::{group_rows, robust_weights};
 
 /// The edge points of one capture in machine coordinates.
 #[derive(Debug, Clone)]
@@ -226,6 +227,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         place,
         group: group.clone(),
         // Where every angle has one capture only, they cannot disagree: then positions have to be taken for exact.
+        covariance: None,
         displacement: (arcs.len() > angles).then_some(displacement),
     };
     let mut fit = correlated::fit(&rows, None)?;
