@@ -11,6 +11,8 @@ use crate::fit::robust::scatter;
 const DISAGREEMENT_MM: f64 = 0.01;
 /// A turned rim wanders by less than this; edges of two circles taken together wander by more.
 const RAGGED_MM: f64 = 0.006;
+/// Share of a capture's edge that one of each table angle's must have on the circle.
+const LEAST_SEEN: f64 = 0.35;
 /// Machine positions that scatter by more than this are worth a word, where captures that are in place are this improbable.
 const SCATTER_MM: f64 = 0.001;
 const IN_PLACE: f64 = 0.01;
@@ -37,6 +39,25 @@ pub(super) fn check(
         format!("their edges do not lie on one circle: they miss it by {misses:.3} mm{worst}"),
         "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
     ))
+}
+
+/// Refuses a table angle whose captures show hardly any edge on the common circle: its centre would be made of what is left.
+pub(super) fn angles_seen(arcs: &[Arc], captures: &[CaptureReport], c_deg: &[f64]) -> Result<()> {
+    for (angle, c_deg) in c_deg.iter().enumerate() {
+        let of_angle = arcs.iter().filter(|arc| arc.angle == angle);
+        let most = of_angle.map(|arc| captures[arc.capture].arc_used).fold(0.0, f64::max);
+        if most < LEAST_SEEN {
+            return Err(Error::measure(
+                format!("the captures at C = {c_deg}°"),
+                format!(
+                    "hardly any of their edges lies on the rod's circle ({:.0} % at most)",
+                    100.0 * most
+                ),
+                "add captures at this angle that show the rim clearly, or leave these out",
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Says so where captures lie elsewhere than the machine says, or the rim is ragged.
@@ -161,6 +182,17 @@ pub(super) fn arcs_seen(
         warnings.push(format!(
             "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",
             360.0 - gap
+        ));
+    }
+}
+
+/// Says so where an edge farther out may be the rim.
+pub(super) fn fainter_rim(fainter_mm: Option<f64>, options: &Options, warnings: &mut Vec<String>) {
+    if let (Some(radius_mm), None) = (fainter_mm, options.diameter_mm) {
+        warnings.push(format!(
+            "some captures show a fainter edge farther out, near diameter {:.2} mm: if that is the rod's rim, give \
+             --diameter-mm",
+            2.0 * radius_mm
         ));
     }
 }

@@ -133,7 +133,9 @@ pub fn measure_frames(
     let found =
         outer::rim(captures, &angle_of, frames, rough, options.diameter_mm).ok_or_else(unseen)?;
     let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
-    finish(captures, options, &c_deg, &arcs, &fitted)
+    let mut measured = finish(captures, options, &c_deg, &arcs, &fitted)?;
+    agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
+    Ok(measured)
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.
@@ -289,6 +291,7 @@ fn finish(
     let (points, captures_report) =
         agreement::residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
     agreement::check(&refined, &points, &captures_report)?;
+    agreement::angles_seen(arcs, &captures_report, c_deg)?;
     agreement::arcs_seen(arcs, robust, options, &mut warnings);
     agreement::places_and_form(&refined, &captures_report, options, &mut warnings);
     let sources = budget::Sources {

@@ -44,6 +44,8 @@ const LEAST: f32 = 0.4;
 const SUPPORTED: f32 = 0.65;
 /// The same for one at the nominal diameter, where no clearer one is.
 const NAMED: f32 = 0.3;
+/// The same for one that is worth a word: texture and shadows have less.
+const FAINTER: f32 = 0.45;
 
 /// The rod's circle as it was found.
 pub(super) struct Found {
@@ -53,6 +55,8 @@ pub(super) struct Found {
     pub radius_mm: f64,
     /// Radius of the next edge inside.
     pub inner_mm: Option<f64>,
+    /// Radius of an edge farther out that fewer captures show.
+    pub fainter_mm: Option<f64>,
 }
 
 /// The rod's circle near `rough`, where `nominal_mm` may say which of its edges is meant: about one centre first, then
@@ -109,6 +113,7 @@ pub(super) fn rim(
     });
     let outer = named.or(peaks.last().copied())?;
     let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
+    let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b > outer + 10);
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
@@ -122,6 +127,7 @@ pub(super) fn rim(
         centers: centers.collect(),
         radius_mm: radius_mm(outer),
         inner_mm: inner.map(radius_mm),
+        fainter_mm: fainter.map(radius_mm),
     })
 }
 
