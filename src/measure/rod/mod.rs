@@ -23,6 +23,7 @@ use crate::measure::ring::{self, CLOSE, GLANCE, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
 use outer::Found;
+use seek::Voter;
 
 /// One edge point, for `diagnose rod` and for overlays.
 #[derive(Debug, Clone, Copy)]
@@ -128,14 +129,45 @@ pub fn measure_frames(
             "check the pictures, the machine positions (x_mm, y_mm) and the calibration's signs",
         )
     };
-    let rough = seek::rim(&voters, captures.len(), bounds).ok_or_else(unseen)?;
     let (c_deg, angle_of) = table_angles(captures);
-    let found =
-        outer::rim(captures, &angle_of, frames, rough, options.diameter_mm).ok_or_else(unseen)?;
-    let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
-    let mut measured = finish(captures, options, &c_deg, &arcs, &fitted)?;
-    agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
-    Ok(measured)
+    let find = |only: Option<usize>| -> Option<Found> {
+        let own = |v: &&Voter| only.is_none_or(|only| angle_of[v.capture] == only);
+        let voters: Vec<Voter> = voters.iter().filter(own).copied().collect();
+        let rough = seek::rim(&voters, captures.len(), bounds)?;
+        outer::rim(captures, &angle_of, frames, only, rough, options.diameter_mm)
+    };
+    let measure = |found: Found| -> Result<Measured> {
+        let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
+        let mut measured = finish(captures, options, &c_deg, &arcs, &fitted)?;
+        agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
+        Ok(measured)
+    };
+    let together = find(None).ok_or_else(unseen).and_then(measure);
+    together.or_else(|error| {
+        // A rod far off the axis shows no common circle: each table angle finds its own.
+        let found = apart(c_deg.len(), &angle_of, find).ok_or(error)?;
+        measure(found)
+    })
+}
+
+/// The rod's circle at each of several table angles found by itself. `None` where one shows none or they are not of one size.
+fn apart(
+    angles: usize,
+    angle_of: &[usize],
+    find: impl Fn(Option<usize>) -> Option<Found>,
+) -> Option<Found> {
+    /// Circles that differ by more are not those of one rod.
+    const ONE_ROD_MM: f64 = 0.05;
+    let seen_often = |angle: usize| angle_of.iter().filter(|a| **a == angle).count() > 1;
+    if angles < 2 || !(0..angles).all(seen_often) {
+        return None;
+    }
+    let mut each = (0..angles).map(|angle| find(Some(angle))).collect::<Option<Vec<Found>>>()?;
+    let centers = each.iter().enumerate().map(|(angle, found)| found.centers[angle]).collect();
+    each.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
+    let middle = each.swap_remove(angles / 2);
+    let alike = each.iter().all(|f| (f.radius_mm - middle.radius_mm).abs() < ONE_ROD_MM);
+    alike.then_some(Found { centers, ..middle })
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.

@@ -59,12 +59,14 @@ pub(super) struct Found {
     pub fainter_mm: Option<f64>,
 }
 
-/// The rod's circle near `rough`, where `nominal_mm` may say which of its edges is meant: about one centre first, then
-/// for each table angle its own, for the rod may be eccentric. `None` where the captures agree on no circle.
+/// The rod's circle near `rough` in the captures of one table angle or of `None` in particular, where `nominal_mm` may say which of
+/// its edges is meant: about one centre first, then for each table angle its own, for the rod may be eccentric. `None`
+/// where the captures agree on no circle.
 pub(super) fn rim(
     captures: &[Capture],
     angle_of: &[usize],
     frames: &[(Frame, View)],
+    only: Option<usize>,
     rough: Circle,
     nominal_mm: Option<f64>,
 ) -> Option<Found> {
@@ -72,11 +74,13 @@ pub(super) fn rim(
     let bin_mm = BIN_MM.max(LEAST_BIN_PX * pixel_mm);
     let look = |about: Circle, bin_mm: f64| -> Vec<Sight> {
         let each = captures.par_iter().zip(angle_of).zip(frames);
-        each.filter_map(|((capture, &angle), (frame, view))| {
-            let about = Circle { center: about.center - capture.position_mm, ..about };
-            Sight::new(frame, view, about, [pixel_mm, bin_mm], angle)
-        })
-        .collect()
+        let asked = each.filter(|((_, angle), _)| only.is_none_or(|only| **angle == only));
+        asked
+            .filter_map(|((capture, &angle), (frame, view))| {
+                let about = Circle { center: about.center - capture.position_mm, ..about };
+                Sight::new(frame, view, about, [pixel_mm, bin_mm], angle)
+            })
+            .collect()
     };
     // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
     let far_mm = bin_mm.max(FAR_BIN_MM);

@@ -23,7 +23,8 @@ pub(super) struct Voter {
     place_mm: Vector2<f64>,
     /// Unit direction of the gradient in the plane.
     along: Vector2<f64>,
-    capture: usize,
+    /// Index of the capture.
+    pub(super) capture: usize,
 }
 
 /// The voters of one capture.
