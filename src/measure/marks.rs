@@ -19,6 +19,8 @@ const LEAST_STEP: f64 = 0.05;
 const FAINT: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
 const ON_EDGE: f64 = 2.0;
+/// How far inside a spot's edge is looked, in radii, where all of it led to another edge.
+const CRATER: f64 = 0.4;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -247,7 +249,9 @@ fn second_burn<'a>(
     rings: &'a [Candidate],
     first: &Candidate,
 ) -> Option<&'a Candidate> {
-    rings.iter().find(|r| {
+    // Both are burnt into one plate: a glare is bright where a burn is dark.
+    let burnt = |r: &&Candidate| r.step * first.step > 0.0;
+    rings.iter().filter(burnt).find(|r| {
         let apart = (r.circle.center - first.circle.center).norm();
         let other = apart > 0.9 * (r.circle.radius + first.circle.radius)
             && (0.6..1.7).contains(&(r.circle.radius / first.circle.radius))
@@ -324,7 +328,13 @@ fn measure_spot(
         outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
         softness_px: spot.softness_px.max(1.5),
     };
-    let mut spot = ring::measure(frame, view, rough, search, Some(&ring.wander))?;
+    let measure = |search| ring::measure(frame, view, rough, search, Some(&ring.wander));
+    let strayed = |spot: &Ring| (spot.circle.radius / rough.radius - 1.0).abs() >= 0.5;
+    let mut spot = measure(search)?;
+    if strayed(&spot) {
+        // A crater's inner edge may be the stronger one.
+        spot = measure(Search { inside_limit_px: CRATER * c.radius, ..search })?;
+    }
     let strong = |e: &&Candidate| e.step.abs() > 0.3 * ring.contrast.abs();
     if edges.iter().filter(strong).any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
         spot.covariance *= ON_EDGE * ON_EDGE;
@@ -332,6 +342,6 @@ fn measure_spot(
     let plausible = is_circle(&spot, &SPOT)
         && spot.circle.radius < 0.5 * ring.circle.radius // Beyond is the annulus' inner edge.
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
-        && (spot.circle.radius / rough.radius - 1.0).abs() < 0.5;
+        && !strayed(&spot);
     plausible.then_some(spot)
 }
