@@ -12,7 +12,7 @@ use crate::edge::texture::Texture;
 use crate::edge::window::{Block, Window};
 use crate::edge::{Contour, Located};
 use crate::fit::robust::{median, scatter};
-use crate::frame::Frame;
+use crate::frame::{Frame, MOST_JOINED};
 
 /// Most softnesses of a radius: the edge of a larger mark is long enough to know by itself.
 const SMALL: f64 = 16.0;
@@ -56,7 +56,7 @@ pub fn together(
     let wide = (WIDE * softness).max(LEAST_PX);
     let sides_px = (sides_px.0.min(wide), sides_px.1.min(wide));
     let half = contour.max_radius_px() + sides_px.1;
-    let factor = (softness / FINENESS).floor().max(1.0);
+    let factor = (softness / FINENESS).floor().clamp(1.0, MOST_JOINED as f64);
     if !contour.closed || contour.mean_radius_px() > SMALL * softness {
         return None;
     }
@@ -113,10 +113,9 @@ impl Surface {
         let nothing = || DMatrix::<f64>::zeros(size, size);
         let (mut left, mut slope, mut sides) =
             (nothing(), nothing(), DMatrix::from_element(size, size, [0.0; 2]));
-        let counted = |blocks: &DMatrix<Option<Block>>| -> Vec<(usize, Block)> {
-            blocks.iter().enumerate().filter_map(|(i, b)| b.map(|b| (i, b))).collect()
-        };
-        for (i, b) in counted(blocks) {
+        let counted: Vec<(usize, Block)> =
+            blocks.iter().enumerate().filter_map(|(i, b)| b.map(|b| (i, b))).collect();
+        for &(i, b) in &counted {
             let value = shape.at(step.distance_px + b.distance_px);
             let outer = ((value.profile - step.inner) / step.contrast()).clamp(0.0, 1.0);
             left[i] = window.values[i] - value.profile;
@@ -125,15 +124,15 @@ impl Surface {
             slope[i] = near * smooth.at(step.distance_px + b.distance_px).slope;
             sides[i] = [1.0 - outer, outer];
         }
-        let of_side = |is_there: fn(f64, f64) -> bool| {
-            let there = counted(blocks).into_iter().filter(|(_, b)| is_there(b.distance_px, ends));
-            level_and_spread(there.map(|(i, _)| left[i]).collect())
+        let of_side = |sign: f64| {
+            let there = counted.iter().filter(|(_, b)| sign * b.distance_px > ends);
+            level_and_spread(there.map(|(i, _)| left[*i]).collect())
         };
-        let outside = of_side(|distance, ends| distance > ends)?;
-        let inside = of_side(|distance, ends| distance < -ends).unwrap_or(outside);
+        let outside = of_side(1.0)?;
+        let inside = of_side(-1.0).unwrap_or(outside);
         let least = 1e-3 * step.contrast().abs();
         let mut dirty = DMatrix::from_element(size, size, false);
-        for (i, _) in counted(blocks) {
+        for (i, _) in counted {
             let [a, b] = sides[i];
             let level = a * inside.0 + b * outside.0;
             let spread = (a * inside.1.powi(2) + b * outside.1.powi(2)).sqrt().max(least);
@@ -283,7 +282,7 @@ mod tests {
             let band = Band { inside_px: 42.0, outside_px: 50.0, bin_px: 1.5, sectors: 48 };
             let profiles = scan(&frame, 2, &contour, band);
             let located = locate(&profiles, true, LocateOptions::default()).unwrap();
-
+            assert!(located.textured);
             let points: Vec<Vector2<f64>> =
                 located.points.iter().map(|p| contour.point(p.angle_rad, p.distance_px)).collect();
             let circle = robust(&points, &vec![1.0; points.len()], None, 0.1).unwrap().circle;

@@ -109,10 +109,9 @@ pub(super) fn textured_rows(
     let place: Vec<Vector2<f64>> =
         edge.angle_rad.iter().zip(&edge.distance_px).map(place).collect();
     // Dirt and glare that have been taken for edge.
-    let mut off: Vec<f64> = place.iter().map(|p| about.distance(*p).abs()).collect();
-    let far = 3.5 * scatter(&mut off).max(0.05 * points.pixel_mm);
-    let kept: Vec<usize> =
-        (0..place.len()).filter(|&i| about.distance(place[i]).abs() < far).collect();
+    let off: Vec<f64> = place.iter().map(|p| about.distance(*p).abs()).collect();
+    let far = 3.5 * scatter(&mut off.clone()).max(0.05 * points.pixel_mm);
+    let kept: Vec<usize> = (0..place.len()).filter(|&i| off[i] < far).collect();
     let place: Vec<Vector2<f64>> = kept.iter().map(|&i| place[i]).collect();
     let normal = |p: &Vector2<f64>| (p - about.center).normalize();
     let mm = DVector::from_fn(place.len(), |i, _| {

@@ -108,12 +108,11 @@ pub fn measure_frames(
     options: &Options,
 ) -> Result<Measured> {
     use rayon::prelude::*;
-    let voters: Vec<_> = frames
+    let voters: Vec<Vec<Voter>> = frames
         .par_iter()
         .enumerate()
         .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
-        .collect::<Vec<_>>()
-        .concat();
+        .collect();
     let field = frames
         .iter()
         .map(|(f, v)| v.pixel_mm() * f.width().max(f.height()) as f64)
@@ -131,8 +130,9 @@ pub fn measure_frames(
     };
     let (c_deg, angle_of) = table_angles(captures);
     let find = |only: Option<usize>| -> Option<Found> {
-        let own = |v: &&Voter| only.is_none_or(|only| angle_of[v.capture] == only);
-        let voters: Vec<Voter> = voters.iter().filter(own).copied().collect();
+        let asked = voters.iter().zip(&angle_of);
+        let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
+        let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
         let rough = seek::rim(&voters, captures.len(), bounds)?;
         outer::rim(captures, &angle_of, frames, only, rough, options.diameter_mm)
     };

@@ -23,8 +23,7 @@ pub(super) struct Voter {
     place_mm: Vector2<f64>,
     /// Unit direction of the gradient in the plane.
     along: Vector2<f64>,
-    /// Index of the capture.
-    pub(super) capture: usize,
+    capture: usize,
 }
 
 /// The voters of one capture.
