@@ -5,6 +5,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
+use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
     angle_warning, extend_time, known_effects, length_warning, need, need_head_b_table_c, sites,
 };
@@ -30,6 +31,8 @@ pub struct Columns {
     pub head_c: Vec<Vec<f64>>,
     /// From the B axis to the tool point at B = 0.
     pub head: Vector3<f64>,
+    /// Base cups of a ball bar's paths.
+    pub cups: Vec<Cup>,
 }
 
 impl Columns {
@@ -164,14 +167,17 @@ impl ColumnsExperiment {
         Self::new(&THERMAL, table, data, nuisances, machine, warnings)
     }
 
-    /// Reads ball bar lengths: `b_deg,length_mm`, optional `z_mm,path,dir`.
+    /// Reads ball bar lengths: `b_deg,length_mm`, optional `x_mm,z_mm,path,dir`.
     pub fn ballbar(
         path: impl AsRef<Path>,
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        let table =
-            Table::read(path, &["b_deg"], &["length_mm", "z_mm", "path", "dir", "t_s", "temp_c"])?;
+        let table = Table::read(
+            path,
+            &["b_deg"],
+            &["length_mm", "x_mm", "z_mm", "path", "dir", "t_s", "temp_c"],
+        )?;
         Self::ballbar_table(&table, machine, warnings)
     }
 
@@ -182,7 +188,7 @@ impl ColumnsExperiment {
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
         need_head_b_table_c("ballbar", machine)?;
-        let mut data = read(table, &["b_deg", "z_mm", "dir", "t_s", "temp_c"], "path")?;
+        let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
@@ -366,7 +372,7 @@ impl Experiment for ColumnsExperiment {
                     "t_s" => extend_time(column),
                     // Z stays linked to B, as the ball bar's own path has it.
                     "z_mm" => {
-                        column.push(ballbar::linked_z(&self.data, capture.or_last("b_deg", &[0.0])))
+                        column.push(ballbar::next_z(&self.data, capture.or_last("b_deg", &[0.0])))
                     }
                     name => capture.extend(name, column),
                 }

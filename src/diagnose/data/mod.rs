@@ -1,6 +1,7 @@
 //! Reading the data, one file per kind: columns, captures, and what missing columns make untestable.
 
 pub mod columns;
+pub mod cups;
 pub mod rod;
 pub mod rtcp;
 

@@ -1,0 +1,99 @@
+//! Where the base cup of each ball bar path is, about: from the lengths themselves, as files name paths as they please.
+//!
+//! The squared length is |t|² - 2 t·c + |c|² over the tool's places t in the plane of motion, linear in the cup's x, z and |c|²: the
+//! rest of |c|² is how far the cup lies beside the plane. On which side, no length tells.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::ballbar::Path;
+
+/// A cup nearer to the plane of motion than this part of the bar may as well lie in it.
+const BESIDE: f64 = 0.05;
+/// Lengths that differ by less from those of a cup straight below leave it there.
+const NEAR_MM: f64 = 1.0;
+/// Errors of a machine change lengths by less than this.
+const ERRORS_MM: f64 = 0.1;
+
+/// A path's base cup, in the tool's coordinates.
+#[derive(Debug, Clone, Copy)]
+pub struct Cup {
+    /// Its place.
+    pub place_mm: Vector3<f64>,
+    /// Mean length of the bar.
+    pub bar_mm: f64,
+    /// Whether the side of the plane of motion is only assumed.
+    pub side_assumed: bool,
+}
+
+impl Cup {
+    /// Distance of a tool place from the cup.
+    fn distance(&self, tool: &Vector3<f64>) -> f64 {
+        (tool - self.place_mm).norm()
+    }
+
+    /// Root mean square of the distances' misses.
+    pub fn miss_mm(&self, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> f64 {
+        let squares: f64 =
+            tools.iter().zip(lengths_mm).map(|(t, l)| (self.distance(t) - l).powi(2)).sum();
+        (squares / tools.len().max(1) as f64).sqrt()
+    }
+}
+
+/// The cup straight below the tool's first place, or beside it as the path's name says.
+pub fn straight_below(name: &str, tool0: &Vector3<f64>, bar_mm: f64) -> Cup {
+    let beside_mm = Path::parse(name).map_or(0.0, |path| path.cup_y_mm);
+    let below_mm = (bar_mm * bar_mm - beside_mm * beside_mm).max(0.0).sqrt();
+    let place_mm = Vector3::new(tool0.x, beside_mm, tool0.z - below_mm);
+    Cup { place_mm, bar_mm, side_assumed: false }
+}
+
+/// The cup of one path: straight below where that is about right, otherwise where the lengths put it.
+pub fn find(below: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
+    if below.miss_mm(tools, lengths_mm) < NEAR_MM {
+        return below;
+    }
+    let Some(beside) = from_lengths(below, tools, lengths_mm) else { return below };
+    let plane =
+        Cup { place_mm: beside.place_mm.component_mul(&Vector3::new(1.0, 0.0, 1.0)), ..beside };
+    let plane = in_plane(plane, tools, lengths_mm);
+    let enough = (3.0 * beside.miss_mm(tools, lengths_mm)).max(ERRORS_MM);
+    if beside.place_mm.y < BESIDE * below.bar_mm || plane.miss_mm(tools, lengths_mm) < enough {
+        return plane;
+    }
+    let side = if below.place_mm.y < 0.0 { -1.0 } else { 1.0 };
+    let place_mm = beside.place_mm.component_mul(&Vector3::new(1.0, side, 1.0));
+    Cup { place_mm, side_assumed: below.place_mm.y == 0.0, ..beside }
+}
+
+/// The cup that fits the squared lengths best, on the side of positive y.
+fn from_lengths(below: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Option<Cup> {
+    let about = below.place_mm.component_mul(&Vector3::new(1.0, 0.0, 1.0));
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
+    for (tool, length) in tools.iter().zip(lengths_mm) {
+        let t = (tool - about) / below.bar_mm;
+        let row = Vector3::new(-2.0 * t.x, -2.0 * t.z, 1.0);
+        normal += row * row.transpose();
+        right += row * ((length / below.bar_mm).powi(2) - t.norm_squared());
+    }
+    let c = normal.try_inverse()? * right;
+    let beside = (c.z - c.x * c.x - c.y * c.y).max(0.0).sqrt();
+    let place_mm = about + Vector3::new(c.x, beside, c.y) * below.bar_mm;
+    place_mm.iter().all(|v| v.is_finite()).then_some(Cup { place_mm, ..below })
+}
+
+/// The best cup in the plane of motion near `cup` (Gauss-Newton).
+fn in_plane(mut cup: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
+    for _ in 0..20 {
+        let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
+        for (tool, length) in tools.iter().zip(lengths_mm) {
+            let away = cup.place_mm - tool;
+            let distance = away.norm().max(1e-9);
+            let row = Vector3::new(away.x, 0.0, away.z) / distance;
+            normal += row * row.transpose();
+            right += row * (length - distance);
+        }
+        let Some(inverse) = normal.try_inverse() else { break };
+        cup.place_mm += inverse * right;
+    }
+    cup
+}
