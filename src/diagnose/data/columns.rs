@@ -33,6 +33,12 @@ pub struct Columns {
     pub head: Vector3<f64>,
     /// Base cups of a ball bar's paths.
     pub cups: Vec<Cup>,
+    /// Coldest readings of the axes' screws.
+    pub coldest: Vec<f64>,
+    /// Where the slope of each axis' screw is zero.
+    pub t0_c: Vec<f64>,
+    /// What the data ask of the thermal baseline.
+    pub thermal: thermal::Baseline,
 }
 
 impl Columns {
@@ -158,12 +164,11 @@ impl ColumnsExperiment {
             let cold = if column[first].abs() > 5.0 { column[first] } else { 0.0 };
             data.head_c.push(column.iter().map(|v| v - cold).collect());
         }
-        let mut nuisances: Vec<Parameter> =
-            (1..=sensors).map(|k| Parameter::linear(format!("head_{k}_mm_per_c"), 1e-3)).collect();
-        for name in &data.series_names {
-            nuisances.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
-            nuisances.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
+        if let Some(text) = thermal::dead_sensor_warning(&data) {
+            warnings.push(text);
         }
+        thermal::prepare(&mut data, &table.optional_column("error_mm")?.unwrap_or_default());
+        let nuisances = thermal::nuisances(&data);
         Self::new(&THERMAL, table, data, nuisances, machine, warnings)
     }
 

@@ -1,90 +1,257 @@
 //! Effects in thermal data, beyond the model `error = Σ a_i t_i + slope (T - T₀)(P - P₀)` with its coefficients fitted.
+//!
+//! An effect may show alike on all axes or on each axis by its own amount: every form comes in both ways.
 
-use nalgebra::Vector3;
+use nalgebra::{DMatrix, DVector, Vector3};
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::columns::Columns;
+use crate::diagnose::effects::thermal_columns::{
+    ambient_from, centred_metres, dead_sensor, gone, hats, heating, held, metres, middle, rises,
+    went,
+};
 use crate::diagnose::effects::{Library, Words, lagged};
 use crate::diagnose::experiment::Parameter;
-use crate::diagnose::generic::range;
 
-type L = Library<Columns, Vector3<f64>>;
+/// The library of thermal effects.
+pub type L = Library<Columns, Vector3<f64>>;
+/// One value a row.
+type Column = Vec<f64>;
+/// A first-order lag: times, values, lag.
+type Lag = fn(&[f64], &[f64], f64) -> Column;
 
-/// Baseline plus the effects' error: head coefficients, then slope and zero of each axis' screw.
+/// What the data ask of the baseline beside slope and zero of every axis' screw.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Baseline {
+    /// Every axis has head coefficients of its own; otherwise all share them.
+    own_heads: bool,
+    /// Where a screw's slope is zero.
+    cold: Cold,
+}
+
+/// T₀ of the screws.
+#[derive(Debug, Clone, Copy, Default)]
+enum Cold {
+    /// Each screw's coldest reading.
+    #[default]
+    Coldest,
+    /// Each screw's first reading.
+    First,
+    /// The reference temperature of length, 20 °C.
+    Reference,
+}
+
+impl Baseline {
+    /// The likeliest by the Bayesian information criterion: coefficients that are not needed, or a T₀ that is free, would hide
+    /// effects.
+    pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
+        let y = DVector::from_column_slice(error_mm);
+        let rows = y.len() as f64;
+        let criterion = |baseline: &Self| {
+            let columns = baseline.columns(data);
+            let basis = orthonormal(&columns, 1e-9);
+            let left = (&y - &basis * basis.tr_mul(&y)).norm_squared();
+            // Another T₀ than the usual one is a choice like a coefficient more.
+            let chosen = basis.ncols() + usize::from(!matches!(baseline.cold, Cold::Coldest));
+            rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
+                + chosen as f64 * rows.ln()
+        };
+        let of = |own_heads| {
+            [Cold::Coldest, Cold::First, Cold::Reference].map(|cold| Self { own_heads, cold })
+        };
+        let all = of(false).into_iter().chain(of(true));
+        all.min_by(|a, b| criterion(a).total_cmp(&criterion(b))).unwrap_or_default()
+    }
+
+    /// T₀ of each axis.
+    fn t0_c(&self, data: &Columns) -> Vec<f64> {
+        match self.cold {
+            Cold::Coldest => data.coldest.clone(),
+            Cold::First => data.first_of_axes("screw_c"),
+            Cold::Reference => vec![20.0; data.series_names.len()],
+        }
+    }
+
+    /// Columns of the baseline.
+    fn columns(&self, data: &Columns) -> DMatrix<f64> {
+        let t0 = self.t0_c(data);
+        let screw = data.get("screw_c").iter().zip(&data.series);
+        let warm: Column = screw.map(|(c, axis)| c - t0[*axis]).collect();
+        let along = times(&warm, &metres(data));
+        let on = |axis: usize, column: &[f64]| -> Column {
+            let rows = column.iter().zip(&data.series);
+            rows.map(|(v, s)| if *s == axis { *v } else { 0.0 }).collect()
+        };
+        let mut list: Vec<Column> = Vec::new();
+        for axis in 0..data.series_names.len() {
+            list.extend([on(axis, &along), on(axis, &warm)]);
+            if self.own_heads {
+                list.extend(data.head_c.iter().map(|head| on(axis, head)));
+            }
+        }
+        if !self.own_heads {
+            list.extend(data.head_c.iter().cloned());
+        }
+        DMatrix::from_fn(data.series.len(), list.len(), |r, c| list[c][r])
+    }
+}
+
+/// Coefficients of the baseline: of the head's sensors, then slope and zero of each axis' screw.
+pub fn nuisances(data: &Columns) -> Vec<Parameter> {
+    let heads = |axis: &str| {
+        (1..=data.head_c.len())
+            .map(|k| Parameter::linear(format!("{axis}head_{k}_mm_per_c"), 1e-3))
+            .collect::<Vec<_>>()
+    };
+    let names = &data.series_names;
+    let mut list = match data.thermal.own_heads {
+        true => names.iter().flat_map(|name| heads(&format!("{name}_"))).collect(),
+        false => heads(""),
+    };
+    for name in names {
+        list.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
+        list.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
+    }
+    list
+}
+
+/// Baseline plus the effects' error.
 pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
-    let sensors = data.head_c.len();
-    let head: f64 = data.head_c.iter().zip(nuisances).map(|(c, a)| c[row] * a).sum();
-    let axis = &nuisances[sensors + 2 * data.series[row]..];
-    let warm = rise(data, row);
-    [head + warm * (axis[0] * data.get("position_mm")[row] + axis[1]) + error.x, 0.0]
+    let own_heads = data.thermal.own_heads;
+    let (sensors, axis) = (data.head_c.len(), data.series[row]);
+    let sets = if own_heads { data.series_names.len() } else { 1 };
+    let heads = &nuisances[if own_heads { sensors * axis } else { 0 }..];
+    let head: f64 = data.head_c.iter().zip(heads).map(|(c, a)| c[row] * a).sum();
+    let own = &nuisances[sensors * sets + 2 * axis..];
+    let warm = data.get("screw_c")[row] - data.t0_c[axis];
+    let screw = warm * (own[0] * data.get("position_mm")[row] + own[1]);
+    [head + screw + error.x, 0.0]
 }
 
-/// Rise of the screw above its coldest reading of the run.
-fn rise(data: &Columns, row: usize) -> f64 {
-    let screw = data.get("screw_c");
-    screw[row] - range(screw).0
+/// Completes the columns: coldest readings, and what the data ask of the baseline.
+pub fn prepare(data: &mut Columns, error_mm: &[f64]) {
+    data.coldest = data.coldest_of_axes();
+    if error_mm.len() == data.series.len() {
+        data.thermal = Baseline::of(data, error_mm);
+    }
+    data.t0_c = data.thermal.t0_c(data);
 }
 
-/// Adds one parameter times a function of the row.
-fn term(
+/// What a user should know of a sensor that has stopped.
+pub fn dead_sensor_warning(data: &Columns) -> Option<String> {
+    let number = dead_sensor(data)? + 1;
+    Some(format!("head_{number}_c no longer changes while the run goes on: is the sensor dead?"))
+}
+
+/// Adds a form with an amount for each of the columns, and one with such amounts for each axis. `shape` is a parameter that is
+/// not linear.
+fn form(
     l: &mut L,
-    name: impl Into<std::borrow::Cow<'static, str>>,
-    typical: f64,
-    f: impl Fn(&Columns, usize) -> f64 + Send + Sync + 'static,
+    axes: &[String],
+    amounts: &[(String, f64)],
+    shape: Option<(&'static str, &[f64])>,
+    columns: impl Fn(&Columns, f64) -> Vec<Column> + Clone + Send + Sync + 'static,
 ) {
-    l.form(vec![Parameter::linear(name, typical)], move |data, p, errors| {
-        errors.iter_mut().enumerate().for_each(|(row, e)| e.x += p[0] * f(data, row));
+    let count = amounts.len();
+    let shaped = |mut list: Vec<Parameter>| {
+        list.extend(shape.map(|(name, grid)| Parameter::shape(name, grid)));
+        list
+    };
+    let common = amounts.iter().map(|(n, t)| Parameter::linear(n.clone(), *t)).collect();
+    let alike = columns.clone();
+    l.form(shaped(common), move |data, p, errors| {
+        add(errors, &alike(data, p.get(count).copied().unwrap_or(0.0)), |_| p);
     });
+    if axes.len() > 1 {
+        let each = |axis: &String| {
+            let named = |(n, t): &(String, f64)| Parameter::linear(format!("{axis}_{n}"), *t);
+            amounts.iter().map(named).collect::<Vec<_>>()
+        };
+        let (all, many) = (axes.iter().flat_map(each).collect(), count * axes.len());
+        l.form(shaped(all), move |data, p, errors| {
+            let columns = columns(data, p.get(many).copied().unwrap_or(0.0));
+            add(errors, &columns, |row| &p[count * data.series[row]..]);
+        });
+    }
+}
+
+/// Adds amounts times columns to the rows' errors.
+fn add<'a>(errors: &mut [Vector3<f64>], columns: &[Column], amounts: impl Fn(usize) -> &'a [f64]) {
+    for (row, e) in errors.iter_mut().enumerate() {
+        e.x += columns.iter().zip(amounts(row)).map(|(c, a)| c[row] * a).sum::<f64>();
+    }
+}
+
+fn ones(data: &Columns) -> Column {
+    vec![1.0; data.series.len()]
+}
+
+/// The product of two columns.
+fn times(a: &[f64], b: &[f64]) -> Column {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Columns) -> L {
     let mut l = L::default();
-    let words =
-        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
-    let no_head = || data.head_c.is_empty().then(|| "there is no head sensor column".to_owned());
-    let cycle = "a full cycle of warming up and cooling down";
-    let (start, end) = data.times_s();
-    let span = end - start;
-    let lags: Vec<f64> = [0.02, 0.06, 0.15, 0.4].iter().map(|f| f * span).collect();
+    let axes = data.series_names.clone();
+    let span_s = data.times_s().1 - data.times_s().0;
+    let lags: Vec<f64> = [0.01, 0.025, 0.06, 0.12, 0.2, 0.4].map(|f| f * span_s).to_vec();
+    head(&mut l, data, &axes, &lags);
+    screw(&mut l, data, &axes);
+    slow(&mut l, data, &axes, &lags);
+    dead(&mut l, data, &axes);
+    l
+}
+
+fn words(
+    name: &'static str,
+    meaning: &'static str,
+    evidence: &'static str,
+    best: &'static str,
+) -> Words {
+    Words { name, meaning, evidence, best, varies_with: &[] }
+}
+
+/// A name with a typical size.
+fn one(name: impl Into<String>, typical: f64) -> (String, f64) {
+    (name.into(), typical)
+}
+
+const CYCLE: &str = "a full cycle of warming up and cooling down";
+
+fn head(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     let sensors = data.head_c.len();
+    let none = || data.head_c.is_empty().then(|| "there is no head sensor column".to_owned());
     l.effect(
         words(
             "head-lag",
             "the head follows its sensors late",
             "after quick changes of the head's temperature",
-            cycle,
+            CYCLE,
         ),
-        no_head(),
+        none(),
     );
-    for k in 0..sensors {
-        l.form(
-            vec![
-                Parameter::linear(format!("head_{}_mm_per_c", k + 1), 1e-3),
-                Parameter::shape("lag_s", &lags),
-            ],
-            move |data, p, errors| {
-                let warm = lagged(data.get("t_s"), &data.head_c[k], p[1].abs().max(1e-3));
-                // Only the lag: what the sensor itself explains stays in the baseline.
-                errors
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(row, e)| e.x += p[0] * (warm[row] - data.head_c[k][row]));
-            },
-        );
-    }
+    let mut sets: Vec<Vec<usize>> = (0..sensors).map(|k| vec![k]).collect();
     if sensors > 1 {
-        let mut all: Vec<Parameter> =
-            (1..=sensors).map(|k| Parameter::linear(format!("head_{k}_mm_per_c"), 1e-3)).collect();
-        all.push(Parameter::shape("lag_s", &lags));
-        l.form(all, move |data, p, errors| {
-            for k in 0..sensors {
-                let warm = lagged(data.get("t_s"), &data.head_c[k], p[sensors].abs().max(1e-3));
-                errors
-                    .iter_mut()
-                    .enumerate()
-                    .for_each(|(row, e)| e.x += p[k] * (warm[row] - data.head_c[k][row]));
-            }
-        });
+        sets.push((0..sensors).collect());
+    }
+    // Between readings temperatures change steadily, or (a control that reads seldom) not at all.
+    for (lag, follow) in [("lag_s", lagged as Lag), ("held_lag_s", held)] {
+        for set in &sets {
+            let amounts: Vec<_> =
+                set.iter().map(|k| one(format!("head_{}_mm_per_c", k + 1), 1e-3)).collect();
+            let set = set.clone();
+            form(l, axes, &amounts, Some((lag, lags)), move |data, lag_s| {
+                let late = |k: &usize| {
+                    let head = &data.head_c[*k];
+                    let late = follow(data.get("t_s"), head, lag_s.abs().max(1e-3));
+                    // Only the lag: what the sensor itself explains stays in the baseline.
+                    late.iter().zip(head).map(|(a, b)| a - b).collect()
+                };
+                set.iter().map(late).collect()
+            });
+        }
     }
     l.effect(
         words(
@@ -95,22 +262,26 @@ pub fn library(data: &Columns) -> L {
         ),
         None,
     );
-    term(&mut l, "offset_mm", 0.01, |_, _| 1.0);
+    form(l, axes, &[one("offset_mm", 0.01)], None, |data, _| vec![ones(data)]);
     l.effect(
         words(
             "head-nonlinear",
             "the head's growth against its sensors is curved",
             "at the highest head temperatures",
-            cycle,
+            CYCLE,
         ),
-        no_head(),
+        none(),
     );
     for k in 0..sensors {
-        term(&mut l, format!("head_{}_um_per_c2", k + 1), 0.1, move |data, row| {
-            1e-3 * data.head_c[k][row].powi(2)
+        let name = format!("head_{}_um_per_c2", k + 1);
+        form(l, axes, &[one(name, 0.1)], None, move |data, _| {
+            vec![data.head_c[k].iter().map(|c| 1e-3 * c * c).collect()]
         });
     }
-    let screw = data.needs(&["screw_c"]);
+}
+
+fn screw(l: &mut L, data: &Columns, axes: &[String]) {
+    let measured = data.needs(&["screw_c"]);
     l.effect(
         words(
             "screw-nonlinear",
@@ -118,14 +289,15 @@ pub fn library(data: &Columns) -> L {
             "at the highest screw temperatures and far positions",
             "the axis over its whole travel at three or more temperatures",
         ),
-        screw.clone(),
+        measured.clone(),
     );
-    term(&mut l, "per_c2", 1e-7, |data, row| {
-        rise(data, row).powi(2) * data.get("position_mm")[row]
-    });
-    term(&mut l, "centred_per_c2", 1e-7, |data, row| {
-        rise(data, row).powi(2) * (data.get("position_mm")[row] - middle(data.get("position_mm")))
-    });
+    let curved = |data: &Columns| {
+        let squares: Column = rises(data).iter().map(|c| c * c).collect();
+        vec![times(data.get("position_mm"), &squares), squares]
+    };
+    form(l, axes, &[one("per_c2", 1e-7)], None, move |data, _| curved(data)[..1].to_vec());
+    let both = [one("per_c2", 1e-7), one("zero_mm_per_c2", 1e-5)];
+    form(l, axes, &both, None, move |data, _| curved(data));
     l.effect(
         words(
             "position-quadratic",
@@ -135,51 +307,51 @@ pub fn library(data: &Columns) -> L {
         ),
         data.needs(&["position_mm"]),
     );
-    let centred = |data: &Columns, row: usize| {
-        let p = data.get("position_mm");
-        (p[row] - middle(p)) / 1000.0
-    };
-    term(&mut l, "mm_per_m2", 0.01, |data, row| (data.get("position_mm")[row] / 1000.0).powi(2));
-    term(&mut l, "centred_mm_per_m2", 0.01, move |data, row| centred(data, row).powi(2));
-    term(&mut l, "warm_mm_per_m2_c", 0.01, |data, row| {
-        rise(data, row) * (data.get("position_mm")[row] / 1000.0).powi(2)
+    form(l, axes, &[one("mm_per_m2", 0.01)], None, |data, _| {
+        vec![times(&metres(data), &metres(data))]
+    });
+    form(l, axes, &[one("centred_mm_per_m2", 0.01)], None, |data, _| {
+        vec![times(&centred_metres(data), &centred_metres(data))]
+    });
+    form(l, axes, &[one("warm_mm_per_m2_c", 0.01)], None, |data, _| {
+        vec![times(&rises(data), &times(&metres(data), &metres(data)))]
     });
     l.effect(
         words(
             "heating-hysteresis",
             "warming up and cooling down differ at the same temperature",
             "the two branches of a cycle",
-            cycle,
+            CYCLE,
         ),
-        screw,
+        measured,
     );
-    let sign = |data: &Columns| {
-        slopes(data.get("t_s"), data.get("screw_c"))
-            .iter()
-            .map(|s| s.signum())
-            .collect::<Vec<f64>>()
-    };
-    l.form(vec![Parameter::linear("half_width_mm", 0.01)], move |data, p, errors| {
-        errors.iter_mut().zip(sign(data)).for_each(|(e, s)| e.x += p[0] * s);
+    // The way the temperature goes, or (it matters at the turns, where readings are few) the way it came.
+    let goes = |data: &Columns| -> Column { heating(data).iter().map(|r| r.signum()).collect() };
+    for (came, sign) in [("", goes as fn(&Columns) -> Column), ("came_", went)] {
+        let named = |name: &str, typical| one(format!("{came}{name}"), typical);
+        form(l, axes, &[named("half_width_mm", 0.01)], None, move |data, _| vec![sign(data)]);
+        form(l, axes, &[named("half_width_per_m", 0.01)], None, move |data, _| {
+            vec![times(&sign(data), &metres(data))]
+        });
+        let warm = [named("half_width_per_m_c", 1e-3), named("half_width_mm_per_c", 1e-3)];
+        for count in [1, 2] {
+            form(l, axes, &warm[..count], None, move |data, _| {
+                let warm = times(&sign(data), &rises(data));
+                [times(&warm, &metres(data)), warm][..count].to_vec()
+            });
+        }
+    }
+    form(l, axes, &[one("rate_mm_h_per_c", 0.01)], None, |data, _| {
+        vec![heating(data).iter().map(|rate| rate * 3.6).collect()]
     });
-    l.form(vec![Parameter::linear("half_width_per_m", 0.01)], move |data, p, errors| {
-        let place = data.get("position_mm");
-        errors
-            .iter_mut()
-            .zip(sign(data))
-            .enumerate()
-            .for_each(|(r, (e, s))| e.x += p[0] * s * place[r] / 1000.0);
-    });
-    l.form(vec![Parameter::linear("rate_mm_h_per_c", 0.01)], |data, p, errors| {
-        let rate = slopes(data.get("t_s"), data.get("screw_c"));
-        errors.iter_mut().zip(rate).for_each(|(e, r)| e.x += p[0] * r * 3600.0 / 1000.0);
-    });
-    if sensors > 0 {
-        l.form(vec![Parameter::linear("head_half_width_mm", 0.01)], |data, p, errors| {
-            let rate = slopes(data.get("t_s"), &data.head_c[0]);
-            errors.iter_mut().zip(rate).for_each(|(e, r)| e.x += p[0] * r.signum());
+    if !data.head_c.is_empty() {
+        form(l, axes, &[one("head_half_width_mm", 0.01)], None, |data, _| {
+            vec![data.rates(&data.head_c[0]).iter().map(|rate| rate.signum()).collect()]
         });
     }
+}
+
+fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     l.effect(
         words(
             "ambient",
@@ -189,9 +361,13 @@ pub fn library(data: &Columns) -> L {
         ),
         data.needs(&["ambient_c"]),
     );
-    term(&mut l, "mm_per_c", 1e-3, |data, row| data.get("ambient_c")[row] - 20.0);
-    term(&mut l, "centred_mm_per_c", 1e-3, |data, row| {
-        data.get("ambient_c")[row] - middle(data.get("ambient_c"))
+    form(l, axes, &[one("mm_per_c", 1e-3)], None, |data, _| vec![ambient_from(data, 20.0)]);
+    form(l, axes, &[one("from_first_mm_per_c", 1e-3)], None, |data, _| {
+        vec![ambient_from(data, data.first("ambient_c"))]
+    });
+    let free = [one("mm_per_c", 1e-3), one("zero_mm", 0.01)];
+    form(l, axes, &free, None, |data, _| {
+        vec![ambient_from(data, middle(data.get("ambient_c"))), ones(data)]
     });
     l.effect(
         words(
@@ -202,73 +378,41 @@ pub fn library(data: &Columns) -> L {
         ),
         data.needs(&["t_s"]),
     );
-    term(&mut l, "mm_per_h", 0.01, move |data, row| (data.get("t_s")[row] - start) / 3600.0);
-    l.form(
-        vec![Parameter::linear("mm", 0.01), Parameter::shape("rise_s", &lags)],
-        move |data, p, errors| {
-            let rise = p[1].abs().max(1e-3);
-            errors
-                .iter_mut()
-                .zip(data.get("t_s"))
-                .for_each(|(e, t)| e.x += p[0] * (1.0 - (-(t - start) / rise).exp()));
-        },
+    form(l, axes, &[one("mm_per_h", 0.01)], None, |data, _| {
+        let start = data.times_s().0;
+        vec![data.get("t_s").iter().map(|t| (t - start) / 3600.0).collect()]
+    });
+    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), |data, rise_s| {
+        let (start, rise_s) = (data.times_s().0, rise_s.abs().max(1e-3));
+        vec![data.get("t_s").iter().map(|t| 1.0 - (-(t - start) / rise_s).exp()).collect()]
+    });
+}
+
+fn dead(l: &mut L, data: &Columns, axes: &[String]) {
+    /// Places in time between which what the dead sensor should have read goes straight.
+    const KNOTS: [usize; 3] = [6, 10, 20];
+    let sensor = dead_sensor(data);
+    let alive = sensor.is_none().then(|| "every head sensor keeps changing".to_owned());
+    let dead = words(
+        "sensor-dead",
+        "a head sensor has stopped: its share of the growth is missing",
+        "as the other sensors and time, from the moment on",
+        "look at the sensor's column: it no longer changes",
     );
-    l.effect(
-        words(
-            "sensor-dead",
-            "a head sensor has stopped: its share of the growth is missing",
-            "as the other sensors and time, from the moment on",
-            "look at the sensor's column: it no longer changes",
-        ),
-        dead_sensor(data).is_none().then(|| "every head sensor keeps changing".to_owned()),
-    );
-    if let Some(k) = dead_sensor(data) {
-        // The dead sensor would have followed the others.
-        for other in (0..sensors).filter(|o| *o != k) {
-            term(&mut l, format!("follows_{}_mm_per_c", other + 1), 1e-3, move |data, row| {
-                if row >= stuck_from(&data.head_c[k]) {
-                    data.head_c[other][row] - data.head_c[k][row]
-                } else {
-                    0.0
-                }
-            });
-        }
-        term(&mut l, "offset_mm", 0.01, move |data, row| {
-            f64::from(u8::from(row >= stuck_from(&data.head_c[k])))
+    l.effect(Words { varies_with: &["t_s"], ..dead }, alive);
+    let Some(k) = sensor else { return };
+    form(l, axes, &[one("offset_mm", 0.01)], None, move |data, _| vec![gone(data, k)]);
+    // The dead sensor would have followed the others, or gone its own way.
+    for other in (0..data.head_c.len()).filter(|o| *o != k) {
+        let name = format!("follows_{}_mm_per_c", other + 1);
+        form(l, axes, &[one(name, 1e-3)], None, move |data, _| {
+            let apart = data.head_c[other].iter().zip(&data.head_c[k]).map(|(a, b)| a - b);
+            vec![times(&gone(data, k), &apart.collect::<Column>())]
         });
     }
-    l
-}
-
-fn middle(values: &[f64]) -> f64 {
-    let (low, high) = range(values);
-    0.5 * (low + high)
-}
-
-/// The first sensor whose reading stops changing for at least a tenth of the run.
-fn dead_sensor(data: &Columns) -> Option<usize> {
-    data.head_c.iter().position(|c| {
-        let from = stuck_from(c);
-        c.len() - from > (c.len() / 10).max(5)
-    })
-}
-
-/// The row from which a column no longer changes.
-fn stuck_from(column: &[f64]) -> usize {
-    let last = column.last().copied().unwrap_or(0.0);
-    column.iter().rposition(|v| *v != last).map_or(0, |i| i + 1)
-}
-
-/// Smoothed rate of change of a column in time, per second.
-fn slopes(times_s: &[f64], values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..times_s.len()).collect();
-    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
-    let reach = (order.len() / 25).max(2);
-    let mut out = vec![0.0; values.len()];
-    for (k, &i) in order.iter().enumerate() {
-        let (a, b) = (order[k.saturating_sub(reach)], order[(k + reach).min(order.len() - 1)]);
-        let dt = times_s[b] - times_s[a];
-        out[i] = if dt > 0.0 { (values[b] - values[a]) / dt } else { 0.0 };
+    for count in KNOTS {
+        let knots: Vec<_> =
+            (1..=count).map(|i| one(format!("knot_{i}_of_{count}_mm"), 0.01)).collect();
+        form(l, axes, &knots, None, move |data, _| hats(data, k, count));
     }
-    out
 }

@@ -1,0 +1,168 @@
+//! Columns that thermal effects follow: rises, rates, lags, and what a dead sensor misses.
+
+use crate::diagnose::data::columns::Columns;
+use crate::diagnose::generic::range;
+
+impl Columns {
+    /// Coldest readings of the axes' screws.
+    pub fn coldest_of_axes(&self) -> Vec<f64> {
+        let coldest = |axis| self.of_series("screw_c", axis).fold(f64::INFINITY, f64::min);
+        (0..self.series_names.len()).map(coldest).collect()
+    }
+
+    /// A column's values on one axis.
+    fn of_series(&self, name: &str, axis: usize) -> impl Iterator<Item = f64> {
+        let own = self.series.iter().zip(self.get(name)).filter(move |(s, _)| **s == axis);
+        own.map(|(_, v)| *v)
+    }
+
+    /// First values of a column on the axes.
+    pub fn first_of_axes(&self, name: &str) -> Vec<f64> {
+        let t = self.get("t_s");
+        let own = |axis| (0..t.len()).filter(move |r| self.series[*r] == axis);
+        let first = |axis| own(axis).min_by(|a, b| t[*a].total_cmp(&t[*b]));
+        let axes = 0..self.series_names.len();
+        axes.map(|axis| first(axis).map_or(0.0, |row| self.get(name)[row])).collect()
+    }
+
+    /// The value of a column at the first time.
+    pub fn first(&self, name: &str) -> f64 {
+        let t = self.get("t_s");
+        let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
+        self.get(name).get(first).copied().unwrap_or(0.0)
+    }
+
+    /// Smoothed rate of change of a column in time, per second.
+    pub fn rates(&self, values: &[f64]) -> Vec<f64> {
+        slopes(self.get("t_s"), values)
+    }
+}
+
+/// Rise of each row's screw above its coldest reading of the run.
+pub fn rises(data: &Columns) -> Vec<f64> {
+    let screw = data.get("screw_c").iter().zip(&data.series);
+    screw.map(|(c, axis)| c - data.coldest[*axis]).collect()
+}
+
+/// Position of each row in metres.
+pub fn metres(data: &Columns) -> Vec<f64> {
+    data.get("position_mm").iter().map(|p| p / 1000.0).collect()
+}
+
+/// The same from the middle of the axis' travel.
+pub fn centred_metres(data: &Columns) -> Vec<f64> {
+    let middle_of = |axis| middle(&data.of_series("position_mm", axis).collect::<Vec<f64>>());
+    let middles: Vec<f64> = (0..data.series_names.len()).map(middle_of).collect();
+    let places = data.get("position_mm").iter().zip(&data.series);
+    places.map(|(p, axis)| (p - middles[*axis]) / 1000.0).collect()
+}
+
+/// The room's temperature above a reference.
+pub fn ambient_from(data: &Columns, reference_c: f64) -> Vec<f64> {
+    data.get("ambient_c").iter().map(|c| c - reference_c).collect()
+}
+
+/// Middle of the range.
+pub fn middle(values: &[f64]) -> f64 {
+    let (low, high) = range(values);
+    0.5 * (low + high)
+}
+
+/// Whether each row's screw last went up (1) or down (-1).
+pub fn went(data: &Columns) -> Vec<f64> {
+    let mut out = vec![0.0; data.series.len()];
+    let t = data.get("t_s");
+    for axis in 0..data.series_names.len() {
+        let mut rows: Vec<usize> = (0..out.len()).filter(|r| data.series[*r] == axis).collect();
+        rows.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
+        let screw: Vec<f64> = rows.iter().map(|r| data.get("screw_c")[*r]).collect();
+        let changes = screw.windows(2).map(|pair| pair[1] - pair[0]);
+        let first = changes.clone().find(|c| *c != 0.0).unwrap_or(0.0);
+        let mut way = first.signum();
+        out[rows[0]] = way;
+        for (row, change) in rows[1..].iter().zip(changes) {
+            way = if change == 0.0 { way } else { change.signum() };
+            out[*row] = way;
+        }
+    }
+    out
+}
+
+/// How fast each row's screw warms up, °C per second.
+pub fn heating(data: &Columns) -> Vec<f64> {
+    let mut out = vec![0.0; data.series.len()];
+    for axis in 0..data.series_names.len() {
+        let rows: Vec<usize> = (0..out.len()).filter(|r| data.series[*r] == axis).collect();
+        let of = |name: &str| rows.iter().map(|r| data.get(name)[*r]).collect::<Vec<f64>>();
+        for (row, slope) in rows.iter().zip(slopes(&of("t_s"), &of("screw_c"))) {
+            out[*row] = slope;
+        }
+    }
+    out
+}
+
+/// A first-order lag of readings that are held until the next one.
+pub fn held(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    let mut out = vec![0.0; values.len()];
+    let Some(&first) = order.first() else { return out };
+    let (mut t, mut y) = (times_s[first], values[first]);
+    for &i in &order {
+        y += (1.0 - (-(times_s[i] - t) / lag_s).exp()) * (values[i] - y);
+        t = times_s[i];
+        out[i] = y;
+    }
+    out
+}
+
+/// The first sensor whose reading stops changing for at least a tenth of the run.
+pub fn dead_sensor(data: &Columns) -> Option<usize> {
+    data.head_c.iter().position(|c| {
+        let from = stuck_from(c);
+        c.len() - from > (c.len() / 10).max(5)
+    })
+}
+
+/// The row from which a column no longer changes.
+fn stuck_from(column: &[f64]) -> usize {
+    let last = column.last().copied().unwrap_or(0.0);
+    column.iter().rposition(|v| *v != last).map_or(0, |i| i + 1)
+}
+
+/// 1 where a sensor has stopped, 0 before.
+pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
+    let from = stuck_from(&data.head_c[sensor]);
+    (0..data.series.len()).map(|row| f64::from(u8::from(row >= from))).collect()
+}
+
+/// `count` hat functions of time between a sensor's last change and the end.
+pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
+    let t = data.get("t_s");
+    let gone = gone(data, sensor);
+    let from = t.iter().zip(&gone).filter(|(_, g)| **g > 0.0).map(|(t, _)| *t);
+    let from = from.fold(f64::INFINITY, f64::min);
+    let step = (data.times_s().1 - from).max(1e-9) / (count - 1) as f64;
+    let at = |t: f64, i: usize| (1.0 - ((t - from) / step - i as f64).abs()).max(0.0);
+    let hat = |i| t.iter().zip(&gone).map(|(t, gone)| gone * at(*t, i)).collect();
+    (0..count).map(hat).collect()
+}
+
+/// Slope of values in time, from the readings before to those after, a sixtieth of the run away at least: rows taken at
+/// one stop have one temperature.
+fn slopes(times_s: &[f64], values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..times_s.len()).collect();
+    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    let sorted: Vec<f64> = order.iter().map(|i| times_s[*i]).collect();
+    let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let apart = (last - first) / 60.0;
+    let mut out = vec![0.0; values.len()];
+    for &i in &order {
+        let before = sorted.partition_point(|t| *t <= times_s[i] - apart).saturating_sub(1);
+        let after = sorted.partition_point(|t| *t < times_s[i] + apart).min(sorted.len() - 1);
+        let dt = sorted[after] - sorted[before];
+        let change = values[order[after]] - values[order[before]];
+        out[i] = if dt > 0.0 { change / dt } else { 0.0 };
+    }
+    out
+}
