@@ -56,7 +56,8 @@ impl Selection {
     fn instead(&self, fitter: &Fitter, gone: &[Part]) -> Option<(f64, Model)> {
         let f = &self.fitted;
         let (standing, own) = without(fitter, f, gone);
-        let own = own.map_or(0.0, |s| s.evidence);
+        let score = own;
+        let own = score.as_ref().map_or(0.0, |s| s.evidence);
         let rest = remove_all(&f.model, gone);
         let is_form = |p: &Part| matches!(p, Part::Extra(i) if matches!(f.model.extras[*i].kind, Extra::Form { .. }));
         let single = gone.len() == 1;
@@ -78,7 +79,9 @@ impl Selection {
         for s in standing.scores(fitter, f, &self.library) {
             let who = &self.library.candidates[s.candidate].who;
             if matches!(who, Who::Effect(a) if free(a.effect)) {
-                consider(s.evidence - own, &[who]);
+                let is_it =
+                    single && !named && score.as_ref().is_some_and(|g| s.explains_as_much(g));
+                consider((s.evidence - own).max(if is_it { LEAST_GAIN } else { f64::MIN }), &[who]);
             }
         }
         // A free function is as good as any other; the dictionary is long.
@@ -86,6 +89,7 @@ impl Selection {
         if single
             && !is_free(&gone[0])
             && let Some((who, s)) = self.best_generic(fitter, &standing, f)
+            && !(named && score.is_some_and(|own| own.explains_as_much(&s)))
         {
             consider(s.evidence - library_bonus(fitter) - own, &[&who]);
         }

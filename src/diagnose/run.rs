@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::classes::{by_name, rivals};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
@@ -319,8 +320,14 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
     let offsets = fitter.offsets(&f.model);
     let k = k95(f.noise.dof);
     let classes = rivals(fitter, s);
-    let gap = &s.baseline.residual;
-    let gap2: f64 = gap.iter().map(|v| v * v).sum::<f64>().max(1e-300);
+    // What the baseline takes up of an effect is no part of the gap.
+    let basis = orthonormal(&s.baseline.tangent, 1e-9);
+    let beside = |values: &[f64]| {
+        let column = DMatrix::from_column_slice(values.len(), 1, values);
+        &column - &basis * basis.tr_mul(&column)
+    };
+    let gap = beside(&s.baseline.residual);
+    let gap2 = gap.norm_squared().max(1e-300);
     let effects = fitter.experiment.effects();
     let mut named: Vec<NamedEffect> = f
         .model
@@ -338,8 +345,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
                     at += 1;
                 }
             }
-            let c = contribution(fitter, &f.model, Part::Effect(i));
-            let along: f64 = c.iter().zip(gap).map(|(a, b)| a * b).sum();
+            let along = beside(&contribution(fitter, &f.model, Part::Effect(i))).dot(&gap);
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
             let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
             let form_corrected_over = f

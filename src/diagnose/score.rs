@@ -26,7 +26,15 @@ pub struct Score {
     pub rms_mm: f64,
 }
 
+/// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is.
+const AS_MUCH: f64 = 4.0;
+
 impl Score {
+    /// Whether a name's score leaves a shape's nothing to say.
+    pub fn explains_as_much(&self, shape: &Self) -> bool {
+        self.rank <= shape.rank && self.excess() > shape.excess() - AS_MUCH
+    }
+
     /// χ² beyond what noise gives as many columns.
     pub fn excess(&self) -> f64 {
         self.chi2 - self.rank as f64

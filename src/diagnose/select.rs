@@ -97,6 +97,12 @@ impl Selection {
             standing.scores(fitter, f, &self.library).into_iter().filter(|s| !taken(s)).collect();
         let sure = |s: &Score| s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln();
         let mut library = best(scores.iter().filter(|s| sure(s)).cloned());
+        if let Some((_, shape)) = &generic {
+            let it = |s: &&Score| sure(s) && s.explains_as_much(shape);
+            if let Some(name) = best(scores.iter().filter(it).cloned()) {
+                (library, generic) = (Some(name), None);
+            }
+        }
         let shape = generic.as_ref().map_or(0.0, |(_, g)| g.evidence);
         let tried = self.worth_a_trial(fitter, scores);
         let clear = library.as_ref().is_some_and(|l| l.evidence >= shape) && tried.len() < 2;

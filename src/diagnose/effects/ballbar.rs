@@ -252,7 +252,12 @@ pub fn library(data: &Columns) -> L {
         },
         data.needs(&["dir"]),
     );
+    // Z turns back where B passes its middle; `dir` may also be Z's own.
     term(&mut l, one("width_mm", 0.01), |data, p, row| {
+        let way = data.get("dir")[row] * slope_mm(data, row);
+        Vector3::new(0.0, 0.0, if way == 0.0 { 0.0 } else { -0.5 * p[0] * way.signum() })
+    });
+    term(&mut l, one("own_dir_width_mm", 0.01), |data, p, row| {
         Vector3::new(0.0, 0.0, -0.5 * data.get("dir")[row] * p[0])
     });
     l.effect(

@@ -5,6 +5,7 @@ use nalgebra::Vector3;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::{Library, Words};
 use crate::diagnose::experiment::Parameter;
+use crate::diagnose::generic::range;
 
 type L = Library<Columns, Vector3<f64>>;
 
@@ -121,6 +122,13 @@ pub fn library(data: &Columns) -> L {
             (data.get("t_s")[row] - start) / 3600.0
         });
     }
+    let middle_s = 0.5 * (start + end);
+    for axes in ALL {
+        let names = ["x_from_middle_mm_per_h", "y_from_middle_mm_per_h"];
+        along(&mut l, names, 0.01, axes, move |data, row| {
+            (data.get("t_s")[row] - middle_s) / 3600.0
+        });
+    }
     let rises: Vec<f64> = [0.1, 0.25, 0.6].iter().map(|f| f * (end - start)).collect();
     for axes in ALL {
         let mut parameters: Vec<Parameter> =
@@ -148,6 +156,17 @@ pub fn library(data: &Columns) -> L {
         along(&mut l, ["x_mm_per_kw", "y_mm_per_kw"], 0.01, axes, |data, row| {
             data.get("power_w")[row] / 1000.0
         });
+    }
+    let (least_w, most_w) = range(data.get("power_w"));
+    for (from_w, names) in [
+        (least_w, ["x_from_least_mm_per_kw", "y_from_least_mm_per_kw"]),
+        (0.5 * (least_w + most_w), ["x_from_middle_mm_per_kw", "y_from_middle_mm_per_kw"]),
+    ] {
+        for axes in ALL {
+            along(&mut l, names, 0.01, axes, move |data, row| {
+                (data.get("power_w")[row] - from_w) / 1000.0
+            });
+        }
     }
     for axes in ALL {
         along(&mut l, ["x_mm_per_kw_m", "y_mm_per_kw_m"], 0.1, axes, |data, row| {

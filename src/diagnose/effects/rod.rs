@@ -218,6 +218,14 @@ fn camera_effects(l: &mut L, data: &Rod) {
             }
         });
     }
+    let each = ["each_x_um_per_mm", "each_y_um_per_mm"].map(|n| Parameter::linear(n, 0.1));
+    l.form(each.to_vec(), |data, p, errors| {
+        for (g, e) in errors.iter_mut().enumerate() {
+            let of = |dir: &[f64]| 1e-3 * dir.get(g).copied().unwrap_or(0.0);
+            e.camera.linear[0][1] += p[0] * of(&data.dir_x);
+            e.camera.linear[1][1] += p[1] * of(&data.dir_y);
+        }
+    });
 }
 
 fn axis_effects(l: &mut L, data: &Rod) {
@@ -244,6 +252,12 @@ fn axis_effects(l: &mut L, data: &Rod) {
     l.form(vec![Parameter::linear("um_per_m", 20.0)], |data, p, errors| {
         for (e, place) in errors.iter_mut().zip(&data.place) {
             e.place.x -= p[0] * 1e-6 * place.y;
+        }
+    });
+    // The same with Y taken for the straight one: the machine's frame is turned.
+    l.form(vec![Parameter::linear("other_leg_um_per_m", 20.0)], |data, p, errors| {
+        for (e, place) in errors.iter_mut().zip(&data.place) {
+            e.place.y -= p[0] * 1e-6 * place.x;
         }
     });
     let both = "each place approached from both sides";

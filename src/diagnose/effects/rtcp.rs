@@ -232,7 +232,8 @@ fn head_effects(l: &mut L, data: &Rtcp) {
     l.form(vec![length("sag_mm")], |data, p, errors| {
         let arm = data.geometry.head.norm().max(1e-9);
         for (e, b) in errors.iter_mut().zip(&data.b_deg) {
-            e.head.b += p[0] / arm * b.to_radians().sin();
+            // Weight pulls the tip down, B back towards zero.
+            e.head.b -= p[0] / arm * b.to_radians().sin();
         }
     });
     l.form(vec![length("down_mm")], |data, p, errors| {

@@ -365,6 +365,9 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     form(l, axes, &[one("from_first_mm_per_c", 1e-3)], None, |data, _| {
         vec![ambient_from(data, data.first("ambient_c"))]
     });
+    form(l, axes, &[one("from_middle_mm_per_c", 1e-3)], None, |data, _| {
+        vec![ambient_from(data, middle(data.get("ambient_c")))]
+    });
     let free = [one("mm_per_c", 1e-3), one("zero_mm", 0.01)];
     form(l, axes, &free, None, |data, _| {
         vec![ambient_from(data, middle(data.get("ambient_c"))), ones(data)]
@@ -381,6 +384,10 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     form(l, axes, &[one("mm_per_h", 0.01)], None, |data, _| {
         let start = data.times_s().0;
         vec![data.get("t_s").iter().map(|t| (t - start) / 3600.0).collect()]
+    });
+    form(l, axes, &[one("from_middle_mm_per_h", 0.01)], None, |data, _| {
+        let middle = middle(data.get("t_s"));
+        vec![data.get("t_s").iter().map(|t| (t - middle) / 3600.0).collect()]
     });
     form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), |data, rise_s| {
         let (start, rise_s) = (data.times_s().0, rise_s.abs().max(1e-3));
