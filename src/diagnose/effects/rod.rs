@@ -299,15 +299,16 @@ fn axis_effects(l: &mut L, data: &Rod) {
             data.needs(&[column]),
         );
         let travel = data.travel_mm(axis);
-        // A pitch much longer than the travel is no cycle; one shorter than the places' spacing cannot be told.
+        // A pitch longer than the travel is seen as a bend, no cycle; one shorter than the places' spacing cannot be told.
+        let longest = 1.2 * travel;
         let pitches: Vec<f64> =
             [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0]
                 .into_iter()
-                .filter(|p| *p < 2.0 * travel)
+                .filter(|p| *p < longest)
                 .collect();
         if pitches.is_empty() {
             if let Some(info) = l.infos.last_mut() {
-                info.untestable = Some("the travel is shorter than half a screw pitch".into());
+                info.untestable = Some("the travel is shorter than a screw pitch".into());
             }
             continue;
         }
@@ -318,7 +319,8 @@ fn axis_effects(l: &mut L, data: &Rod) {
         ];
         l.form(parameters, move |data, p, errors| {
             for (e, place) in errors.iter_mut().zip(&data.place) {
-                let (s, c) = (std::f64::consts::TAU * place[axis] / p[2]).sin_cos();
+                let pitch = p[2].min(longest);
+                let (s, c) = (std::f64::consts::TAU * place[axis] / pitch).sin_cos();
                 e.place[axis] += p[0] * c + p[1] * s;
             }
         });
