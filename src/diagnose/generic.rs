@@ -37,6 +37,8 @@ pub struct Term {
 const HARMONICS: u32 = 8;
 /// Places of a step that are tried over the range of a variable.
 const PLACES: usize = 12;
+/// Values on either side of a step, where there are many.
+const STEP_BESIDE: usize = 3;
 /// Highest polynomial degree tried.
 const DEGREES: u32 = 4;
 
@@ -117,7 +119,10 @@ impl Term {
             Shape::Step(at) => {
                 let reach = distinct.len().div_ceil(PLACES);
                 let here = distinct.partition_point(|v| *v <= at);
-                (here.saturating_sub(reach).max(1)..(here + reach + 1).min(distinct.len()))
+                // One or two values far off at the end are outliers.
+                let margin = if distinct.len() > 4 * STEP_BESIDE { STEP_BESIDE } else { 1 };
+                let last = (here + reach).min(distinct.len() - margin);
+                (here.saturating_sub(reach).max(margin)..last + 1)
                     .map(|i| Shape::Step(0.5 * (distinct[i - 1] + distinct[i])))
                     .collect()
             }

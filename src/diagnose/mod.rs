@@ -14,6 +14,7 @@ pub mod load;
 pub mod model;
 pub mod next;
 pub mod noise;
+mod outliers;
 pub mod own;
 pub mod page;
 mod pairs;

@@ -1,4 +1,4 @@
-//! From an experiment to the answer: outliers, selection, lack of fit, naming rules, gap.
+//! From an experiment to the answer: selection, lack of fit, naming rules, gap.
 
 use std::collections::BTreeMap;
 
@@ -11,12 +11,12 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
-use crate::diagnose::noise::{Noise, Space};
+use crate::diagnose::noise::Noise;
+use crate::diagnose::outliers::{Screened, screen};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
-use crate::diagnose::rim::is_rough;
-use crate::diagnose::select::{Selection, select};
-use crate::diagnose::tails::{chi2_quantile, ln_chi2_tail, ln_f_tail};
+use crate::diagnose::select::Selection;
+use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
 use crate::error::{Error, Result};
 use crate::uncertainty::k95;
 
@@ -33,8 +33,6 @@ const LACK_OF_FIT_P: f64 = 1e-3;
 const UNLIKE_NOISE_P: f64 = 1e-4;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
-/// Largest part of the observations that may be set aside as outliers.
-const MOST_OUTLIERS: f64 = 0.03;
 
 impl Options {
     fn check(&self) -> Result<()> {
@@ -63,9 +61,6 @@ pub struct Diagnosis<'a> {
 pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result<Diagnosis<'a>> {
     options.check()?;
     let layout = experiment.layout();
-    let n = layout.values.len();
-    let mut keep = vec![true; n];
-    let mut outliers = Vec::new();
     if layout.group_count() < LEAST_CAPTURES {
         return Err(Error::measure(
             experiment.kind(),
@@ -81,59 +76,10 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
             "give the measured columns, or use --plan-only",
         ));
     }
-    let run = |keep: &[bool]| {
-        let fitter = Fitter {
-            experiment,
-            space: space(experiment, keep, options),
-            given_mm: options.noise_mm,
-        };
-        let selection = select(&fitter);
-        (fitter, selection)
-    };
-    let (mut fitter, mut selection) = run(&keep);
-    for _ in 0..2 {
-        let found = find_outliers(&fitter, &selection.fitted, layout);
-        if found.is_empty()
-            || (outliers.len() + found.len()) as f64 > MOST_OUTLIERS * n as f64 + 1.0
-        {
-            break;
-        }
-        for i in found {
-            keep[i] = false;
-            outliers.push(i);
-        }
-        (fitter, selection) = run(&keep);
-    }
-    outliers.sort_unstable();
+    let Screened { fitter, selection, outliers } = screen(experiment, options.noise_mm);
     let mut report = build(&fitter, &selection, outliers);
     report.next_measurement = next_measurement(&fitter, &selection);
     Ok(Diagnosis { report, selection, fitter })
-}
-
-/// The space the noise is described in; with the form of the artefact's rim where that is rough.
-fn space(experiment: &dyn Experiment, keep: &[bool], options: &Options) -> Space {
-    let space = Space::new(experiment.layout(), keep);
-    let fitter = Fitter { experiment, space, given_mm: options.noise_mm };
-    if is_rough(&fitter) { Space::with_rim(experiment.layout(), keep) } else { fitter.space }
-}
-
-/// Observations that even the largest model cannot explain: beyond a 0.1 % chance in the whole set.
-fn find_outliers(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
-    let n = layout.values.len();
-    let limit = chi2_quantile((1e-3 / n as f64).ln(), 1.0).sqrt();
-    let column = DMatrix::from_column_slice(n, 1, &f.residual);
-    let white = fitter.whiten(&column, &f.noise);
-    let top = fitter.space.top();
-    let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)]).collect();
-    let mut sizes: Vec<f64> =
-        (0..n).filter(|i| fitter.space.kept(*i)).map(|i| rest[i].abs()).collect();
-    if sizes.is_empty() {
-        return Vec::new();
-    }
-    sizes.sort_by(f64::total_cmp);
-    // A robust scale: outliers must not hide in the noise they made.
-    let scale = (sizes[sizes.len() / 2] / 0.6745).clamp(1e-9, 1.0);
-    (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > 1.1 * limit * scale).collect()
 }
 
 /// p-value of a remaining lack of fit: against given noise, or against repeats.

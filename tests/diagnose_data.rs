@@ -1,0 +1,140 @@
+//! Diagnosis of data as others make them: ball bar cups anywhere, axes that differ, slipped readings.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use assert_cmd::Command;
+use serde_json::Value;
+
+const BAR: &str = "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 400.0\n";
+
+fn run(arguments: &[&str], folder: &Path) -> std::process::Output {
+    let mut command = Command::cargo_bin("pivotsight").unwrap();
+    command.current_dir(folder).args(arguments).output().unwrap()
+}
+
+fn diagnose(kind: &str, folder: &Path) -> Value {
+    let arguments =
+        ["diagnose", kind, "--model", "machine.toml", "--data", "data.csv", "--format", "json"];
+    let output = run(&arguments, folder);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+/// Standard normal numbers.
+fn normal() -> impl FnMut() -> f64 {
+    let mut state = 20_261_u64;
+    let mut uniform = move || {
+        state =
+            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 40) as f64 / f64::from(1 << 24)
+    };
+    move || (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+}
+
+/// The named effect and its rivals.
+fn class(report: &Value) -> Vec<&str> {
+    let effect = &report["effects"][0];
+    let rivals = effect["confusable_with"].as_array().into_iter().flatten();
+    rivals.chain([&effect["name"]]).filter_map(Value::as_str).collect()
+}
+
+/// The source's second path, whose cup lies beside the plane of motion; then the same with names and a zero of Z of one's own.
+#[test]
+fn ball_bar_cups_are_found_wherever_they_are() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    for (errors, expected) in [(None, None), (Some("X0B=0.1"), Some("pivot-offset-x"))] {
+        let plan = ["ballbar", "simulate", "--path", "zb,zbk-y150", "--steps", "60"];
+        let noise = ["--noise-mm", "0.0008", "--format", "csv", "--out", "data.csv"];
+        let hidden = errors.map_or(vec![], |e| vec!["--error", e]);
+        assert!(run(&[&plan[..], &noise, &hidden].concat(), folder).status.success());
+        let text = std::fs::read_to_string(folder.join("data.csv")).unwrap();
+        let mut own = String::from("path,b_deg,z_mm,length_mm\n");
+        for line in text.lines().skip(1) {
+            let cells: Vec<&str> = line.split(',').collect();
+            let z: f64 = cells[3].parse().unwrap();
+            let name = if cells[0] == "zb" { "near" } else { "far" };
+            writeln!(own, "{name},{},{},{}", cells[1], 612.5 - z, cells[4]).unwrap();
+        }
+        for csv in [text, own] {
+            std::fs::write(folder.join("data.csv"), csv).unwrap();
+            let report = diagnose("ballbar", folder);
+            match expected {
+                None => assert_eq!(report["verdict"], "consistent", "{}", report["gap"]),
+                Some(name) => assert!(class(&report).contains(&name), "{}", report["effects"]),
+            }
+            let untested = report["untested"].as_array().unwrap();
+            assert!(!untested.iter().any(|u| u.to_string().contains("squareness-yz")));
+        }
+    }
+}
+
+/// Two axes with head coefficients of their own; then one of them moved by the room, from the first reading on.
+#[test]
+fn thermal_axes_differ_and_the_room_moves_one_of_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    for room in [0.0, 0.01] {
+        let mut normal = normal();
+        let mut csv =
+            String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c,ambient_c\n");
+        for k in 0..30 {
+            let t = 600.0 * f64::from(k);
+            let (h1, h2) = (9.0 * (1.0 - (-t / 3000.0).exp()), 5.0 * (t / 4000.0).sin());
+            let ambient = 1.5 * ((t / 1700.0 + 1.0).sin() - 1.0_f64.sin());
+            for (axis, a, b, slope) in [("x", 0.004, -0.002, 1e-5), ("z", -0.001, 0.003, 8e-6)] {
+                let screw = 6.0 * (1.0 - (-t / 5000.0).exp()) + if axis == "x" { 1.0 } else { 0.0 };
+                let cold = if axis == "x" { 1.0 } else { 0.0 };
+                for place in [0.0, 150.0, 300.0] {
+                    let own = if axis == "x" { room * ambient } else { 0.0 };
+                    let error = a * h1 + b * h2 + slope * (screw - cold) * place + own;
+                    let error = error + 0.001 * normal();
+                    writeln!(
+                        csv,
+                        "{t},{axis},{place},{error:.6},{:.3},{:.3},{:.3},{:.3}",
+                        screw + 21.0,
+                        h1 + 21.0,
+                        h2 + 21.0,
+                        ambient + 21.0
+                    )
+                    .unwrap();
+                }
+            }
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let report = diagnose("thermal", folder);
+        if room == 0.0 {
+            assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
+        } else {
+            assert_eq!(report["effects"][0]["name"], "ambient", "{}", report["unnamed"]);
+        }
+    }
+}
+
+/// Three readings that slipped by ten standard deviations are set aside and listed: nothing is missing.
+#[test]
+fn slipped_readings_are_no_effect() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let machine = "schema = 1\n[head]\nr_mm = 180.0\n[target]\nposition_mm = [70.0, 10.0, 90.0]\n";
+    std::fs::write(folder.join("machine.toml"), machine).unwrap();
+    let mut normal = normal();
+    let mut csv = String::from("b_deg,c_deg,t_s,dx_mm,dy_mm,dz_mm\n");
+    for k in 0..140 {
+        let i = k * 37 % 140;
+        let (b, c) = ((i / 10) as f64 * 12.0 - 78.0, (i % 10) as f64 * 36.7);
+        let mut d = [0.002 * normal(), 0.002 * normal(), 0.002 * normal()];
+        if [17, 63, 101].contains(&k) {
+            d[k % 3] += 0.02;
+        }
+        writeln!(csv, "{b},{c},{},{:.6},{:.6},{:.6}", 20 * k, d[0], d[1], d[2]).unwrap();
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = diagnose("rtcp", folder);
+    assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
+    let set_aside = report["outliers"].as_array().unwrap();
+    assert_eq!(set_aside.len(), 3, "{set_aside:?}");
+}
