@@ -7,6 +7,7 @@ use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::{Cup, find, straight_below};
 use crate::diagnose::effects::{Library, Words, lagged};
 use crate::diagnose::experiment::Parameter;
+use crate::diagnose::generic::range;
 
 type L = Library<Columns, Vector3<f64>>;
 
@@ -322,30 +323,56 @@ pub fn library(data: &Columns) -> L {
         let lag_mm = p[0].to_radians() * slope_mm(data, row);
         Vector3::new(0.0, 0.0, data.get("dir")[row] * lag_mm)
     });
-    l.effect(
-        words(
-            "thermal-growth",
-            "the head grows longer with temperature, with a lag",
-            "length against temperature",
-            "the run repeated while the machine warms up",
-        ),
-        data.needs(&["temp_c"]),
-    );
-    term(&mut l, one("mm_per_c", 0.005), move |data, p, row| {
-        at(data, row, Vector3::new(0.0, 0.0, -p[0] * (data.get("temp_c")[row] - 20.0)))
-    });
-    let (start, end) = data.times_s();
-    if end > start {
-        let lags: Vec<f64> = [0.05, 0.15, 0.5].iter().map(|f| f * (end - start)).collect();
-        l.form(
-            vec![Parameter::linear("mm_per_c", 0.005), Parameter::shape("lag_s", &lags)],
-            move |data, p, errors| {
-                let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
-                for (row, e) in errors.iter_mut().enumerate() {
-                    *e += at(data, row, Vector3::new(0.0, 0.0, -p[0] * (warm[row] - 20.0)));
-                }
-            },
-        );
-    }
+    growth(&mut l, data);
     l
+}
+
+/// The head's growth, with temperature where that was recorded, otherwise as time goes by.
+fn growth(l: &mut L, data: &Columns) {
+    let along = |data: &Columns, row: usize, mm: f64| {
+        turned(data.get("b_deg")[row].to_radians(), Vector3::new(0.0, 0.0, -mm))
+    };
+    let warmth = data.needs(&["temp_c"]).is_none();
+    l.effect(
+        Words {
+            name: "thermal-growth",
+            meaning: "the head grows longer with temperature, with a lag",
+            evidence: if warmth { "length against temperature" } else { "length against time" },
+            best: "the run repeated while the machine warms up",
+            varies_with: &[],
+        },
+        None,
+    );
+    let times_s: Vec<f64> = match data.get("t_s") {
+        // A run is recorded in its order.
+        [] => (0..data.series.len()).map(|row| row as f64).collect(),
+        t => t.to_vec(),
+    };
+    let (start, end) = range(&times_s);
+    let lags = |parts: [f64; 3]| parts.map(|part| part * (end - start));
+    if !warmth {
+        let elapsed: Vec<f64> = times_s.iter().map(|t| t - start).collect();
+        let (steady, late) = (elapsed.clone(), elapsed);
+        term(l, vec![Parameter::linear("mm_in_all", 0.01)], move |data, p, row| {
+            along(data, row, p[0] * steady.get(row).copied().unwrap_or(end - start) / (end - start))
+        });
+        let rise = Parameter::shape("rise_s", &lags([0.1, 0.3, 0.8]));
+        term(l, vec![Parameter::linear("mm", 0.01), rise], move |data, p, row| {
+            let elapsed = late.get(row).copied().unwrap_or(end - start);
+            along(data, row, p[0] * (1.0 - (-elapsed / p[1].abs().max(1e-3)).exp()))
+        });
+        return;
+    }
+    term(l, vec![Parameter::linear("mm_per_c", 0.005)], move |data, p, row| {
+        along(data, row, p[0] * (data.get("temp_c")[row] - 20.0))
+    });
+    if end > start && !data.get("t_s").is_empty() {
+        let lag = Parameter::shape("lag_s", &lags([0.05, 0.15, 0.5]));
+        l.form(vec![Parameter::linear("mm_per_c", 0.005), lag], move |data, p, errors| {
+            let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
+            for (row, e) in errors.iter_mut().enumerate() {
+                *e += along(data, row, p[0] * (warm[row] - 20.0));
+            }
+        });
+    }
 }
