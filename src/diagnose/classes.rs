@@ -5,8 +5,8 @@ use crate::diagnose::parts::{Part, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::select::Selection;
 
-/// A rival must be this much less likely to be ruled out: odds of 100 to 1, nats.
-const RULED_OUT: f64 = 4.6;
+/// A rival must be this much less likely to be ruled out: odds of 20 to 1, nats.
+const RULED_OUT: f64 = 3.0;
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]

@@ -7,9 +7,10 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
-    angle_warning, extend_time, known_effects, length_warning, need, need_head_b_table_c, sites,
+    angle_warning, ballbar, extend_time, known_effects, length_warning, need, need_head_b_table_c,
+    sites, thermal,
 };
-use crate::diagnose::effects::{Library, ballbar, burn, thermal};
+use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
@@ -76,21 +77,21 @@ const BURN: Sort = Sort {
     kind: "burn",
     outputs: &["dx_mm", "dy_mm"],
     planned: &["height_mm", "power_w", "b_deg"],
-    library: burn::library,
+    library: effects::burn::library,
     predict: |_, _, _, e| [e.x, e.y],
 };
 const THERMAL: Sort = Sort {
     kind: "thermal",
     outputs: &["error_mm"],
     planned: &["position_mm", "screw_c"],
-    library: thermal::library,
+    library: effects::thermal::library,
     predict: thermal::predict,
 };
 const BALLBAR: Sort = Sort {
     kind: "ballbar",
     outputs: &["length_mm"],
     planned: &["b_deg", "dir"],
-    library: ballbar::library,
+    library: effects::ballbar::library,
     predict: ballbar::predict,
 };
 
@@ -164,11 +165,8 @@ impl ColumnsExperiment {
             let cold = if column[first].abs() > 5.0 { column[first] } else { 0.0 };
             data.head_c.push(column.iter().map(|v| v - cold).collect());
         }
-        if let Some(text) = thermal::dead_sensor_warning(&data) {
-            warnings.push(text);
-        }
-        thermal::prepare(&mut data, &table.optional_column("error_mm")?.unwrap_or_default());
-        let nuisances = thermal::nuisances(&data);
+        let measured = table.optional_column("error_mm")?.unwrap_or_default();
+        let nuisances = thermal::prepare(&mut data, &measured, warnings);
         Self::new(&THERMAL, table, data, nuisances, machine, warnings)
     }
 

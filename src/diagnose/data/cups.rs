@@ -26,6 +26,11 @@ pub struct Cup {
 }
 
 impl Cup {
+    /// Whether it lies beside the plane of motion, so that sideways errors change the length.
+    pub fn is_beside(&self) -> bool {
+        self.place_mm.y != 0.0
+    }
+
     /// Distance of a tool place from the cup.
     fn distance(&self, tool: &Vector3<f64>) -> f64 {
         (tool - self.place_mm).norm()

@@ -1,9 +1,11 @@
 //! Reading the data, one file per kind: columns, captures, and what missing columns make untestable.
 
+pub mod ballbar;
 pub mod columns;
 pub mod cups;
 pub mod rod;
 pub mod rtcp;
+pub mod thermal;
 
 use std::collections::HashMap;
 

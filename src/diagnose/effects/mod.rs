@@ -7,7 +7,7 @@ mod rod_slow;
 pub mod rtcp;
 mod rtcp_slow;
 pub mod thermal;
-mod thermal_columns;
+pub mod thermal_columns;
 
 use std::collections::BTreeMap;
 

@@ -1,147 +1,20 @@
-//! Effects in thermal data, beyond the model `error = Σ a_i t_i + slope (T - T₀)(P - P₀)` with its coefficients fitted.
+//! Effects in thermal data.
 //!
 //! An effect may show alike on all axes or on each axis by its own amount: every form comes in both ways.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::Vector3;
 
-use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    ambient_from, centred_metres, dead_sensor, gone, hats, heating, held, metres, middle, rises,
-    went,
+    Column, ambient_from, centred_metres, dead_sensor, gone, hats, heating, held, metres, middle,
+    rises, times, went,
 };
 use crate::diagnose::effects::{Library, Words, lagged};
 use crate::diagnose::experiment::Parameter;
 
-/// The library of thermal effects.
-pub type L = Library<Columns, Vector3<f64>>;
-/// One value a row.
-type Column = Vec<f64>;
+type L = Library<Columns, Vector3<f64>>;
 /// A first-order lag: times, values, lag.
 type Lag = fn(&[f64], &[f64], f64) -> Column;
-
-/// What the data ask of the baseline beside slope and zero of every axis' screw.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct Baseline {
-    /// Every axis has head coefficients of its own; otherwise all share them.
-    own_heads: bool,
-    /// Where a screw's slope is zero.
-    cold: Cold,
-}
-
-/// T₀ of the screws.
-#[derive(Debug, Clone, Copy, Default)]
-enum Cold {
-    /// Each screw's coldest reading.
-    #[default]
-    Coldest,
-    /// Each screw's first reading.
-    First,
-    /// The reference temperature of length, 20 °C.
-    Reference,
-}
-
-impl Baseline {
-    /// The likeliest by the Bayesian information criterion: coefficients that are not needed, or a T₀ that is free, would hide
-    /// effects.
-    pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
-        let y = DVector::from_column_slice(error_mm);
-        let rows = y.len() as f64;
-        let criterion = |baseline: &Self| {
-            let columns = baseline.columns(data);
-            let basis = orthonormal(&columns, 1e-9);
-            let left = (&y - &basis * basis.tr_mul(&y)).norm_squared();
-            // Another T₀ than the usual one is a choice like a coefficient more.
-            let chosen = basis.ncols() + usize::from(!matches!(baseline.cold, Cold::Coldest));
-            rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
-                + chosen as f64 * rows.ln()
-        };
-        let of = |own_heads| {
-            [Cold::Coldest, Cold::First, Cold::Reference].map(|cold| Self { own_heads, cold })
-        };
-        let all = of(false).into_iter().chain(of(true));
-        all.min_by(|a, b| criterion(a).total_cmp(&criterion(b))).unwrap_or_default()
-    }
-
-    /// T₀ of each axis.
-    fn t0_c(&self, data: &Columns) -> Vec<f64> {
-        match self.cold {
-            Cold::Coldest => data.coldest.clone(),
-            Cold::First => data.first_of_axes("screw_c"),
-            Cold::Reference => vec![20.0; data.series_names.len()],
-        }
-    }
-
-    /// Columns of the baseline.
-    fn columns(&self, data: &Columns) -> DMatrix<f64> {
-        let t0 = self.t0_c(data);
-        let screw = data.get("screw_c").iter().zip(&data.series);
-        let warm: Column = screw.map(|(c, axis)| c - t0[*axis]).collect();
-        let along = times(&warm, &metres(data));
-        let on = |axis: usize, column: &[f64]| -> Column {
-            let rows = column.iter().zip(&data.series);
-            rows.map(|(v, s)| if *s == axis { *v } else { 0.0 }).collect()
-        };
-        let mut list: Vec<Column> = Vec::new();
-        for axis in 0..data.series_names.len() {
-            list.extend([on(axis, &along), on(axis, &warm)]);
-            if self.own_heads {
-                list.extend(data.head_c.iter().map(|head| on(axis, head)));
-            }
-        }
-        if !self.own_heads {
-            list.extend(data.head_c.iter().cloned());
-        }
-        DMatrix::from_fn(data.series.len(), list.len(), |r, c| list[c][r])
-    }
-}
-
-/// Coefficients of the baseline: of the head's sensors, then slope and zero of each axis' screw.
-pub fn nuisances(data: &Columns) -> Vec<Parameter> {
-    let heads = |axis: &str| {
-        (1..=data.head_c.len())
-            .map(|k| Parameter::linear(format!("{axis}head_{k}_mm_per_c"), 1e-3))
-            .collect::<Vec<_>>()
-    };
-    let names = &data.series_names;
-    let mut list = match data.thermal.own_heads {
-        true => names.iter().flat_map(|name| heads(&format!("{name}_"))).collect(),
-        false => heads(""),
-    };
-    for name in names {
-        list.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
-        list.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
-    }
-    list
-}
-
-/// Baseline plus the effects' error.
-pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
-    let own_heads = data.thermal.own_heads;
-    let (sensors, axis) = (data.head_c.len(), data.series[row]);
-    let sets = if own_heads { data.series_names.len() } else { 1 };
-    let heads = &nuisances[if own_heads { sensors * axis } else { 0 }..];
-    let head: f64 = data.head_c.iter().zip(heads).map(|(c, a)| c[row] * a).sum();
-    let own = &nuisances[sensors * sets + 2 * axis..];
-    let warm = data.get("screw_c")[row] - data.t0_c[axis];
-    let screw = warm * (own[0] * data.get("position_mm")[row] + own[1]);
-    [head + screw + error.x, 0.0]
-}
-
-/// Completes the columns: coldest readings, and what the data ask of the baseline.
-pub fn prepare(data: &mut Columns, error_mm: &[f64]) {
-    data.coldest = data.coldest_of_axes();
-    if error_mm.len() == data.series.len() {
-        data.thermal = Baseline::of(data, error_mm);
-    }
-    data.t0_c = data.thermal.t0_c(data);
-}
-
-/// What a user should know of a sensor that has stopped.
-pub fn dead_sensor_warning(data: &Columns) -> Option<String> {
-    let number = dead_sensor(data)? + 1;
-    Some(format!("head_{number}_c no longer changes while the run goes on: is the sensor dead?"))
-}
 
 /// Adds a form with an amount for each of the columns, and one with such amounts for each axis. `shape` is a parameter that is
 /// not linear.
@@ -184,11 +57,6 @@ fn add<'a>(errors: &mut [Vector3<f64>], columns: &[Column], amounts: impl Fn(usi
 
 fn ones(data: &Columns) -> Column {
     vec![1.0; data.series.len()]
-}
-
-/// The product of two columns.
-fn times(a: &[f64], b: &[f64]) -> Column {
-    a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
 /// The library, with what `data` cannot test marked.

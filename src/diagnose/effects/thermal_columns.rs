@@ -3,6 +3,9 @@
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::generic::range;
 
+/// One value a row.
+pub type Column = Vec<f64>;
+
 impl Columns {
     /// Coldest readings of the axes' screws.
     pub fn coldest_of_axes(&self) -> Vec<f64> {
@@ -146,6 +149,11 @@ pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
     let at = |t: f64, i: usize| (1.0 - ((t - from) / step - i as f64).abs()).max(0.0);
     let hat = |i| t.iter().zip(&gone).map(|(t, gone)| gone * at(*t, i)).collect();
     (0..count).map(hat).collect()
+}
+
+/// The product of two columns.
+pub fn times(a: &[f64], b: &[f64]) -> Column {
+    a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
 /// Slope of values in time, from the readings before to those after, a sixtieth of the run away at least: rows taken at

@@ -1,0 +1,122 @@
+//! Ball bar lengths without any effect: where the tool is, where each path's base cup is, and the bar between them.
+
+use nalgebra::{Rotation3, Vector3};
+
+use crate::ballbar::Path;
+use crate::diagnose::data::columns::Columns;
+use crate::diagnose::data::cups::{Cup, find, straight_below};
+use crate::diagnose::experiment::Parameter;
+
+/// Completes the columns (Z from the path that keeps the bar's length, its sense from the data, each path's cup) and gives the
+/// nuisances: cup of each path, and the bar's length.
+pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>) -> Vec<Parameter> {
+    let linked: Vec<f64> = data.get("b_deg").iter().map(|b| linked_z(data, *b)).collect();
+    let given = data.get("z_mm").to_vec();
+    if given.is_empty() {
+        warnings.push(
+            "there is no column z_mm: Z is taken as linked to B, 2R (1 - cos B) downwards".into(),
+        );
+        data.numbers.insert("z_mm", linked);
+    } else {
+        // ISO 841 counts Z upwards; the method's own text counts the way down.
+        let sense = |s: f64| {
+            let mut other = data.clone();
+            other.numbers.insert("z_mm", given.iter().map(|g| s * g).collect());
+            let misses = other.find_cups(measured);
+            let off = given.iter().zip(&linked).map(|(g, l)| (s * g - l).powi(2)).sum::<f64>();
+            (other, misses, off)
+        };
+        let (up, down) = (sense(1.0), sense(-1.0));
+        // Short paths fit either way.
+        let alike = (0.5..2.0).contains(&(up.1 / down.1)) || up.1.max(down.1) < 0.1;
+        let turned = if alike { down.2 < up.2 } else { down.1 < up.1 };
+        *data = if turned { down.0 } else { up.0 };
+    }
+    data.find_cups(measured);
+    let mut nuisances = Vec::new();
+    let label = |name: &String| if name.is_empty() { String::new() } else { format!("{name}_") };
+    let named = |cup: &Cup, name: &String, axis: usize| Parameter {
+        start: cup.place_mm[axis],
+        ..Parameter::linear(format!("{}cup_{}_mm", label(name), ["x", "y", "z"][axis]), 0.05)
+    };
+    for (cup, name) in data.cups.iter().zip(&data.series_names) {
+        nuisances.extend([0, 2].map(|axis| named(cup, name, axis)));
+    }
+    for (cup, name) in data.cups.iter().zip(&data.series_names) {
+        if cup.is_beside() {
+            nuisances.push(named(cup, name, 1));
+        }
+        if cup.side_assumed {
+            warnings.push(format!(
+                "path '{name}': the cup lies {:.1} mm beside the plane of motion, on which side the lengths do not tell: taken as +Y \
+                 (on the other side tilts and squareness-yz change their sign; a path named like zb-y-150 says it)",
+                cup.place_mm.y
+            ));
+        }
+    }
+    nuisances.push(Parameter::linear("bar_mm", 0.05));
+    nuisances
+}
+
+/// Z = 2R (1 - cos B) downwards keeps the bar's length over a cup 2R below the pivot (docs/diagnose.md).
+fn linked_z(data: &Columns, b_deg: f64) -> f64 {
+    -2.0 * data.head.norm() * (1.0 - b_deg.to_radians().cos())
+}
+
+/// The Z that keeps the bar's length on the first path.
+pub fn next_z(data: &Columns, b_deg: f64) -> f64 {
+    let Some(cup) = data.cups.first() else { return linked_z(data, b_deg) };
+    let from_cup = turned(b_deg.to_radians(), data.head) - cup.place_mm;
+    let rest = cup.bar_mm.powi(2) - from_cup.x.powi(2) - from_cup.y.powi(2);
+    if rest < 0.0 { linked_z(data, b_deg) } else { rest.sqrt() - from_cup.z }
+}
+
+/// The bar's length at a row. Nuisances: each path's cup x and z, y of those beside the plane, the bar.
+pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
+    let path = data.series[row];
+    let cup = &nuisances[2 * path..];
+    let beside = |cups: &[Cup]| cups.iter().filter(|c| c.is_beside()).count();
+    let y = match data.cups.get(path) {
+        Some(cup) if cup.is_beside() => nuisances[2 * data.cups.len() + beside(&data.cups[..path])],
+        _ => 0.0,
+    };
+    let bar = nuisances.last().copied().unwrap_or(0.0);
+    let d = data.tool(row) + error - Vector3::new(cup[0], y, cup[1]);
+    [d.norm() + bar, 0.0]
+}
+
+/// A vector of the head at a B angle.
+pub fn turned(b_rad: f64, v: Vector3<f64>) -> Vector3<f64> {
+    Rotation3::from_axis_angle(&Vector3::y_axis(), b_rad) * v
+}
+
+impl Columns {
+    /// The tool point at a row, from the pivot's place at zero.
+    pub fn tool(&self, row: usize) -> Vector3<f64> {
+        let x = self.get("x_mm").get(row).copied().unwrap_or(0.0);
+        let b_rad = self.get("b_deg")[row].to_radians();
+        turned(b_rad, self.head) + Vector3::new(x, 0.0, self.get("z_mm")[row])
+    }
+
+    /// Finds every path's cup and gives the root mean square of what the lengths then miss.
+    fn find_cups(&mut self, measured: &[f64]) -> f64 {
+        let (mut cups, mut squares) = (Vec::new(), 0.0);
+        for (path, name) in self.series_names.iter().enumerate() {
+            let rows: Vec<usize> =
+                (0..self.series.len()).filter(|r| self.series[*r] == path).collect();
+            let tools: Vec<Vector3<f64>> = rows.iter().map(|r| self.tool(*r)).collect();
+            let lengths: Vec<f64> = rows.iter().filter_map(|r| measured.get(*r)).copied().collect();
+            let mean = lengths.iter().sum::<f64>() / lengths.len().max(1) as f64;
+            if lengths.len() < tools.len() || mean <= 0.0 {
+                let beside = Path::parse(name).map_or(0.0, |path| path.cup_y_mm);
+                cups.push(straight_below(name, &self.head, self.head.norm().hypot(beside)));
+                continue;
+            }
+            let cup = find(straight_below(name, &self.head, mean), &tools, &lengths);
+            squares += cup.miss_mm(&tools, &lengths).powi(2) * rows.len() as f64;
+            cups.push(cup);
+        }
+        self.cups = cups;
+        (squares / self.series.len().max(1) as f64).sqrt()
+    }
+}
