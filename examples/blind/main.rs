@@ -2,7 +2,7 @@
 //! and the answers are scored with Wilson intervals once all are given: until then the truths are in a file that has no name.
 //!
 //! `cargo run --profile quick --example blind -- rtcp 200 [seed] [sort]`; the seed is drawn at run time unless given. Kinds: `rtcp`,
-//! `rod` (24 edge points a capture), `rod100` (100 of them), `burn`, `thermal`, `ballbar`.
+//! `rod` (24 edge points a capture), `rod100` (100 of them), `burn`, `thermal`, `thermal3` (three axes), `ballbar`, `ballbar2` (two paths).
 
 mod plain;
 mod plans;
@@ -43,7 +43,7 @@ fn main() -> std::io::Result<()> {
     println!("{kind}: {count} cases of each sort, seed {seed}");
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     for sort in score::SORTS {
-        let plain = ["burn", "thermal", "ballbar"].contains(&kind);
+        let plain = ["burn", "thermal", "thermal3", "ballbar", "ballbar2"].contains(&kind);
         if plain && (sort.known > 1 || sort.unknown > 0 || sort.poor) {
             continue;
         }
@@ -59,7 +59,7 @@ fn main() -> std::io::Result<()> {
                 "rtcp" => rtcp::case(sort, index, case_rng),
                 "rod" => rod::case(sort, index, 24, case_rng),
                 "rod100" => rod::case(sort, index, 100, case_rng),
-                "burn" | "thermal" | "ballbar" => plain::case(kind, sort, index, case_rng),
+                _ if plain => plain::case(kind, sort, index, case_rng),
                 other => {
                     eprintln!("no generator for '{other}'");
                     std::process::exit(2);

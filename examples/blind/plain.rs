@@ -1,4 +1,5 @@
-//! Hidden effects in `ballbar`, `thermal` and `burn` data.
+//! Hidden effects in `ballbar`, `thermal` and `burn` data; `ballbar2` has a second path whose cup lies aside, `thermal3` three axes
+//! with head coefficients of their own and effects on all of them or on one.
 
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
@@ -71,9 +72,12 @@ fn burn_effect(name: &str, rng: &mut impl Rng) -> Effect {
     }
 }
 
-/// position, screw, head 1, head 2, time, lagged head 1, warming (±1)
-fn thermal_plan(rng: &mut impl Rng) -> Vec<Row> {
-    let (mut lagged, mut last) = (0.0, 0.0);
+/// Head coefficients (mm per °C) of the axes.
+const HEADS: [[f64; 2]; 3] = [[0.003, -0.0015], [-0.001, 0.002], [0.0005, 0.001]];
+
+/// position, screw, head 1, head 2, time, lagged head 1, warming (±1), axis
+fn thermal_plan(axes: usize, rng: &mut impl Rng) -> Vec<Row> {
+    let (mut lagged, mut last) = (0.0, [0.0; 3]);
     let lag = rng.random_range(400.0..1500.0);
     let late = rng.random_range(0.2..0.9);
     (0..180)
@@ -82,18 +86,26 @@ fn thermal_plan(rng: &mut impl Rng) -> Vec<Row> {
             let power = |t: f64| 0.5 + 0.5 * (t / 1300.0).sin() * (t / 3100.0).cos();
             let h1 = 12.0 * (1.0 - (-t / 1500.0).exp()) * power(t);
             let h2 = 7.0 * (1.0 - (-t / 3000.0).exp()) * power(t - 700.0 * late);
-            let screw = |t: f64| 20.0 + 7.0 * (1.0 - (t / 1700.0).cos());
+            let axis = k as usize % axes;
+            let period = [1700.0, 2300.0, 1300.0][axis];
+            let screw = |t: f64| 20.0 + 7.0 * (1.0 - (t / period).cos());
             lagged += (h1 - lagged) * (1.0 - (-60.0_f64 / lag).exp());
-            let warming = f64::signum(screw(t) - last);
-            last = screw(t);
+            let warming = f64::signum(screw(t) - last[axis]);
+            last[axis] = screw(t);
             let place = f64::from(rng.random_range(0..=10)) * 100.0;
-            vec![place, screw(t), h1, h2, t, lagged, warming]
+            vec![place, screw(t), h1, h2, t, lagged, warming, axis as f64]
         })
         .collect()
 }
 
-fn thermal_effect(name: &str) -> Effect {
-    let one = |f: fn(&Row) -> f64| -> Effect { Box::new(move |r, a| [a * f(r), 0.0]) };
+/// `only`: the one axis that has it.
+fn thermal_effect(name: &str, only: Option<usize>) -> Effect {
+    let one = |f: fn(&Row) -> f64| -> Effect {
+        Box::new(move |r, a| {
+            let has = only.is_none_or(|axis| axis as f64 == r[7]);
+            [if has { a * f(r) } else { 0.0 }, 0.0]
+        })
+    };
     match name {
         "head-lag" => one(|r| r[5] - r[2]),
         "head-constant" => one(|_| 1.0),
@@ -105,15 +117,15 @@ fn thermal_effect(name: &str) -> Effect {
     }
 }
 
-/// B (rad), Z, direction, temperature
-fn ballbar_plan(rng: &mut impl Rng) -> Vec<Row> {
+/// B (rad), Z, direction, temperature, how far the cup lies aside
+fn ballbar_plan(aside_mm: &[f64], rng: &mut impl Rng) -> Vec<Row> {
     let mut rows = Vec::new();
-    for way in [1.0, -1.0] {
+    for (aside, way) in aside_mm.iter().flat_map(|aside| [(aside, 1.0), (aside, -1.0)]) {
         for k in 0..150 {
             let k = if way > 0.0 { f64::from(k) } else { 149.0 - f64::from(k) };
             let b = (-60.0 * k / 149.0_f64).to_radians();
             let temp = 20.0 + 4.0 * rng.random_range(0.0..1.0);
-            rows.push(vec![b, -800.0 * (1.0 - b.cos()), -way, temp]);
+            rows.push(vec![b, -800.0 * (1.0 - b.cos()), -way, temp, *aside]);
         }
     }
     rows
@@ -122,7 +134,8 @@ fn ballbar_plan(rng: &mut impl Rng) -> Vec<Row> {
 /// Length of the bar with the tool off by `(x, z)`, less the nominal.
 fn stretch(r: &Row, x: f64, z: f64) -> [f64; 2] {
     let (tx, tz) = (-400.0 * r[0].sin(), -400.0 * r[0].cos() + r[1] + 800.0);
-    [((tx + x).powi(2) + (tz + z).powi(2)).sqrt() - (tx * tx + tz * tz).sqrt(), 0.0]
+    let far = |x: f64, z: f64| (x * x + z * z + r[4] * r[4]).sqrt();
+    [far(tx + x, tz + z) - far(tx, tz), 0.0]
 }
 
 fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
@@ -168,10 +181,13 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     let rng = &mut own;
     let (rows, names, noise) = match kind {
         "burn" => (burn_plan(rng), BURN, 0.003),
-        "thermal" => (thermal_plan(rng), THERMAL, 0.001),
-        _ => (ballbar_plan(rng), BALLBAR, 0.0008),
+        "thermal" => (thermal_plan(1, rng), THERMAL, 0.001),
+        "thermal3" => (thermal_plan(3, rng), THERMAL, 0.001),
+        "ballbar2" => (ballbar_plan(&[0.0, 150.0], rng), BALLBAR, 0.0008),
+        _ => (ballbar_plan(&[0.0], rng), BALLBAR, 0.0008),
     };
     let outputs = if kind == "burn" { 2 } else { 1 };
+    let only = (kind == "thermal3" && rng.random_bool(0.5)).then(|| rng.random_range(0..3));
     let mut truth = Truth::default();
     let mut hidden = Vec::new();
     while truth.names.len() < sort.known {
@@ -181,7 +197,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
             truth.names.push(name.to_owned());
             hidden.push(match kind {
                 "burn" => burn_effect(name, rng),
-                "thermal" => thermal_effect(name),
+                "thermal" | "thermal3" => thermal_effect(name, only),
                 _ => ballbar_effect(name, rng),
             });
         }
@@ -189,13 +205,24 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     let column = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).collect::<Vec<f64>>();
     let nuisances = match kind {
         "burn" => Vec::new(),
-        "thermal" => vec![
-            column(&|r| r[2]),
-            column(&|r| r[3]),
-            column(&|r| (r[1] - 20.0) * r[0]),
-            column(&|r| r[1] - 20.0),
-        ],
-        _ => vec![column(&|_| 1.0), column(&|r| r[0].sin()), column(&|r| r[0].cos())],
+        "thermal" | "thermal3" => (0..3)
+            .flat_map(|axis| {
+                let on = move |r: &Row| f64::from(u8::from(r[7] == f64::from(axis)));
+                [
+                    column(&|r| on(r) * r[2]),
+                    column(&|r| on(r) * r[3]),
+                    column(&|r| on(r) * (r[1] - 20.0) * r[0]),
+                    column(&|r| on(r) * (r[1] - 20.0)),
+                ]
+            })
+            .collect(),
+        _ => [0.0, 150.0]
+            .iter()
+            .flat_map(|aside| {
+                let on = move |r: &Row| f64::from(u8::from(r[4] == *aside));
+                [column(&on), column(&|r| on(r) * r[0].sin()), column(&|r| on(r) * r[0].cos())]
+            })
+            .collect(),
     };
     let mut sizes = Vec::new();
     for e in &hidden {
@@ -209,8 +236,8 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from(match kind {
         "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
-        "thermal" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
-        _ => "b_deg,z_mm,dir,temp_c,length_mm\n",
+        "thermal" | "thermal3" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
+        _ => "b_deg,z_mm,dir,temp_c,path,length_mm\n",
     });
     let (dx, dz) = (0.05 * gauss(rng), 0.05 * gauss(rng));
     let of = kind.to_owned();
@@ -226,14 +253,18 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 let (dx, dy) = (v[0] + random(), v[1] + random());
                 format!("{},{},{},{},{dx:.7},{dy:.7}\n", r[0], r[1], r[2], r[3])
             }
-            "thermal" => {
-                let base = 0.003 * r[2] - 0.0015 * r[3] + 1e-5 * (r[1] - 20.0) * (r[0] - 150.0);
+            "thermal" | "thermal3" => {
+                let axis = r[7] as usize;
+                let [a, b] = HEADS[axis];
+                let base = a * r[2] + b * r[3] + 1e-5 * (r[1] - 20.0) * (r[0] - 150.0);
                 let error = base + v[0] + random();
-                format!("{},x,{},{:.5},{:.5},{:.5},{error:.7}\n", r[4], r[0], r[1], r[2], r[3])
+                let name = ["x", "y", "z"][axis];
+                format!("{},{name},{},{:.5},{:.5},{:.5},{error:.7}\n", r[4], r[0], r[1], r[2], r[3])
             }
             _ => {
-                let length = 400.0 + stretch(r, dx, dz)[0] + v[0] + random();
-                format!("{:.6},{:.6},{},{:.3},{length:.7}\n", r[0].to_degrees(), r[1], r[2], r[3])
+                let length = 400.0_f64.hypot(r[4]) + stretch(r, dx, dz)[0] + v[0] + random();
+                let (b_deg, path) = (r[0].to_degrees(), if r[4] == 0.0 { 1 } else { 2 });
+                format!("{b_deg:.6},{:.6},{},{:.3},{path},{length:.7}\n", r[1], r[2], r[3])
             }
         }
     };
@@ -253,7 +284,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                     get("b_deg", old[2]),
                     old[3] + 45.0,
                 ],
-                "thermal" => {
+                "thermal" | "thermal3" => {
                     let screw = get("screw_c", old[1]);
                     // The head stays as it is: its lag dies away.
                     let lagged = old[2] + (old[5] - old[2]) * 0.9;
@@ -266,11 +297,12 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                         old[4] + 60.0,
                         lagged,
                         warming,
+                        0.0,
                     ]
                 }
                 _ => {
                     let b = get("b_deg", 0.0).to_radians();
-                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3]]
+                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3], 0.0]
                 }
             };
             line(&last)
@@ -290,7 +322,7 @@ pub fn read(kind: &str, csv: &str) -> Box<dyn Experiment> {
     Box::new(
         match kind {
             "burn" => ColumnsExperiment::burn_table(&table, &machine, warnings),
-            "thermal" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
+            "thermal" | "thermal3" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
             _ => ColumnsExperiment::ballbar_table(&table, &machine, warnings),
         }
         .expect("good data"),

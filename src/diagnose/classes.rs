@@ -5,8 +5,11 @@ use crate::diagnose::parts::{Part, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::select::Selection;
 
-/// A rival must be this much less likely to be ruled out: odds of 20 to 1, nats.
-const RULED_OUT: f64 = 3.0;
+/// A rival must be this much less likely to be ruled out, nats: odds of 20 to 1 where names show in several outputs at once, of 100 to
+/// 1 where a form that is not quite the machine's can make as much of a difference.
+fn ruled_out(fitter: &Fitter) -> f64 {
+    if fitter.experiment.layout().directions.len() > 2 { 3.0 } else { 4.6 }
+}
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]
@@ -48,7 +51,7 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 };
                 let deficit = own.evidence - s.evidence;
                 let here = (a.effect, a.form) == (named.effect, named.form);
-                if here || taken(a.effect) || deficit > RULED_OUT || s.evidence <= 0.0 {
+                if here || taken(a.effect) || deficit > ruled_out(fitter) || s.evidence <= 0.0 {
                     continue;
                 }
                 let rival =
