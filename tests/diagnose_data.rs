@@ -138,3 +138,28 @@ fn slipped_readings_are_no_effect() {
     let set_aside = report["outliers"].as_array().unwrap();
     assert_eq!(set_aside.len(), 3, "{set_aside:?}");
 }
+
+/// A target that runs out is seen on a table that turns clockwise too.
+#[test]
+fn run_out_is_seen_whichever_way_the_table_turns() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut plan = String::from("b_deg,c_deg\n");
+    for i in 0..140 {
+        writeln!(plan, "{},{}", (i / 10) * 12 - 78, (i % 10) as f64 * 36.7).unwrap();
+    }
+    std::fs::write(folder.join("plan.csv"), plan).unwrap();
+    for sense in [1, -1] {
+        let machine = format!(
+            "schema = 1\nc_sense = {sense}\n[head]\nr_mm = 180.0\n[target]\nposition_mm = [70.0, 40.0, 90.0]\n"
+        );
+        std::fs::write(folder.join("machine.toml"), &machine).unwrap();
+        let effect = "[[effects]]\nname = \"target-runout\"\nparameters = { cos_mm = 0.004, sin_mm = 0.003 }\n";
+        std::fs::write(folder.join("truth.toml"), machine + effect).unwrap();
+        let simulate = ["simulate", "rtcp", "--model", "truth.toml", "--data", "plan.csv"];
+        let noise = ["--noise-mm", "0.001", "--format", "csv", "--out", "data.csv"];
+        assert!(run(&[&simulate[..], &noise].concat(), folder).status.success());
+        let report = diagnose("rtcp", folder);
+        assert!(class(&report).contains(&"target-runout"), "{sense}: {}", report["effects"]);
+    }
+}

@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector3};
 use crate::diagnose::data::ballbar::turned;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
-use crate::diagnose::effects::{Library, Words, lagged};
+use crate::diagnose::effects::{Library, Words, lagged, words};
 use crate::diagnose::experiment::Parameter;
 use crate::diagnose::generic::range;
 
@@ -41,8 +41,6 @@ fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Columns) -> L {
     let mut l = L::default();
-    let words =
-        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     let swing = data.needs(&["b_deg"]);
     let second = "a second path with the cup shifted, or a bar of certified length";
     let one = |name: &'static str, typical: f64| vec![Parameter::linear(name, typical)];

@@ -37,6 +37,16 @@ pub struct Words {
     pub varies_with: &'static [&'static str],
 }
 
+/// Words of an effect whose size depends on nothing beyond the library's forms.
+fn words(
+    name: &'static str,
+    meaning: &'static str,
+    evidence: &'static str,
+    best: &'static str,
+) -> Words {
+    Words { name, meaning, evidence, best, varies_with: &[] }
+}
+
 impl<C, E> Default for Library<C, E> {
     fn default() -> Self {
         Self { infos: Vec::new(), apply: Vec::new() }

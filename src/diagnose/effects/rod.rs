@@ -7,7 +7,7 @@
 use nalgebra::Vector2;
 
 use crate::diagnose::data::rod::Rod;
-use crate::diagnose::effects::{Library, Words, rod_slow};
+use crate::diagnose::effects::{Library, Words, rod_slow, words};
 use crate::diagnose::experiment::Parameter;
 
 /// Errors of one capture.
@@ -41,15 +41,6 @@ pub struct CameraError {
 pub(super) type L = Library<Rod, CaptureError>;
 
 pub(super) const SIZE: f64 = 1e-3;
-
-pub(super) fn words(
-    name: &'static str,
-    meaning: &'static str,
-    evidence: &'static str,
-    best: &'static str,
-) -> Words {
-    Words { name, meaning, evidence, best, varies_with: &[] }
-}
 
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Rod) -> L {

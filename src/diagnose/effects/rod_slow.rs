@@ -1,8 +1,8 @@
 //! Effects in a check rod's edge points that change with time and temperature.
 
 use crate::diagnose::data::rod::Rod;
-use crate::diagnose::effects::rod::{L, SIZE, words};
-use crate::diagnose::effects::{Words, lagged};
+use crate::diagnose::effects::rod::{L, SIZE};
+use crate::diagnose::effects::{Words, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
 /// Drift with time and temperature, and the rod's growth.

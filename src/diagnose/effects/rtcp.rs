@@ -7,7 +7,7 @@
 use nalgebra::{Rotation3, Vector3};
 
 use crate::diagnose::data::rtcp::Rtcp;
-use crate::diagnose::effects::{Library, Words, rtcp_slow};
+use crate::diagnose::effects::{Library, Words, rtcp_slow, words};
 use crate::diagnose::experiment::Parameter;
 
 /// Errors of the head: offsets, B angle, tilts of the B axis.
@@ -135,8 +135,6 @@ pub fn library(data: &Rtcp) -> L {
 
 fn head_effects(l: &mut L, data: &Rtcp) {
     let moves = data.needs(&["b_deg"]);
-    let words =
-        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     l.effect(
         words(
             "pivot-offset-x",
@@ -255,8 +253,6 @@ fn head_effects(l: &mut L, data: &Rtcp) {
 
 fn table_effects(l: &mut L, data: &Rtcp) {
     let turns = data.needs(&["c_deg"]);
-    let words =
-        |name, meaning, evidence, best| Words { name, meaning, evidence, best, varies_with: &[] };
     l.effect(
         words(
             "c-axis-tilt-x",
@@ -409,7 +405,7 @@ fn c_motion(l: &mut L, turns: Option<String>) {
     );
     l.form(vec![length("cos_mm"), length("sin_mm")], |data, p, errors| {
         for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-            let (s, c) = c.to_radians().sin_cos();
+            let (s, c) = (data.geometry.c_sense * c.to_radians()).sin_cos();
             e.c_shift += Vector3::new(p[0] * c + p[1] * s, p[1] * c - p[0] * s, 0.0);
         }
     });

@@ -9,7 +9,7 @@ use crate::diagnose::effects::thermal_columns::{
     Column, ambient_from, centred_metres, dead_sensor, gone, hats, heating, held, metres, middle,
     rises, times, went,
 };
-use crate::diagnose::effects::{Library, Words, lagged};
+use crate::diagnose::effects::{Library, Words, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
 type L = Library<Columns, Vector3<f64>>;
@@ -70,15 +70,6 @@ pub fn library(data: &Columns) -> L {
     slow(&mut l, data, &axes, &lags);
     dead(&mut l, data, &axes);
     l
-}
-
-fn words(
-    name: &'static str,
-    meaning: &'static str,
-    evidence: &'static str,
-    best: &'static str,
-) -> Words {
-    Words { name, meaning, evidence, best, varies_with: &[] }
 }
 
 /// A name with a typical size.
