@@ -222,10 +222,10 @@ fn growth(l: &mut L, data: &Columns) {
         },
         None,
     );
-    let times_s: Vec<f64> = match data.get("t_s") {
+    let times_s: Vec<f64> = match data.needs(&["t_s"]) {
         // A run is recorded in its order.
-        [] => (0..data.series.len()).map(|row| row as f64).collect(),
-        t => t.to_vec(),
+        Some(_) => (0..data.series.len()).map(|row| row as f64).collect(),
+        None => data.get("t_s").to_vec(),
     };
     let (start, end) = range(&times_s);
     let lags = |parts: [f64; 3]| parts.map(|part| part * (end - start));
@@ -245,7 +245,7 @@ fn growth(l: &mut L, data: &Columns) {
     term(l, vec![Parameter::linear("mm_per_c", 0.005)], move |data, p, row| {
         along(data, row, p[0] * (data.get("temp_c")[row] - 20.0))
     });
-    if end > start && !data.get("t_s").is_empty() {
+    if data.needs(&["t_s"]).is_none() {
         let lag = Parameter::shape("lag_s", &lags([0.05, 0.15, 0.5]));
         l.form(vec![Parameter::linear("mm_per_c", 0.005), lag], move |data, p, errors| {
             let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
