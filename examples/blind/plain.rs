@@ -176,6 +176,11 @@ fn library_size(name: &str, size: f64) -> Option<(&'static str, f64)> {
     }
 }
 
+/// What a kind's data are: those of several axes or paths (`thermal3`, `ballbar2`) are as those of one.
+fn data(kind: &str) -> &str {
+    kind.trim_end_matches(char::is_numeric)
+}
+
 /// One case of a kind.
 pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let rng = &mut own;
@@ -188,6 +193,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     };
     let outputs = if kind == "burn" { 2 } else { 1 };
     let only = (kind == "thermal3" && rng.random_bool(0.5)).then(|| rng.random_range(0..3));
+    let kind = data(kind);
     let mut truth = Truth::default();
     let mut hidden = Vec::new();
     while truth.names.len() < sort.known {
@@ -197,7 +203,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
             truth.names.push(name.to_owned());
             hidden.push(match kind {
                 "burn" => burn_effect(name, rng),
-                "thermal" | "thermal3" => thermal_effect(name, only),
+                "thermal" => thermal_effect(name, only),
                 _ => ballbar_effect(name, rng),
             });
         }
@@ -205,7 +211,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     let column = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).collect::<Vec<f64>>();
     let nuisances = match kind {
         "burn" => Vec::new(),
-        "thermal" | "thermal3" => (0..3)
+        "thermal" => (0..3)
             .flat_map(|axis| {
                 let on = move |r: &Row| f64::from(u8::from(r[7] == f64::from(axis)));
                 [
@@ -236,7 +242,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from(match kind {
         "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
-        "thermal" | "thermal3" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
+        "thermal" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
         _ => "b_deg,z_mm,dir,temp_c,path,length_mm\n",
     });
     let (dx, dz) = (0.05 * gauss(rng), 0.05 * gauss(rng));
@@ -253,7 +259,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 let (dx, dy) = (v[0] + random(), v[1] + random());
                 format!("{},{},{},{},{dx:.7},{dy:.7}\n", r[0], r[1], r[2], r[3])
             }
-            "thermal" | "thermal3" => {
+            "thermal" => {
                 let axis = r[7] as usize;
                 let [a, b] = HEADS[axis];
                 let base = a * r[2] + b * r[3] + 1e-5 * (r[1] - 20.0) * (r[0] - 150.0);
@@ -284,7 +290,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                     get("b_deg", old[2]),
                     old[3] + 45.0,
                 ],
-                "thermal" | "thermal3" => {
+                "thermal" => {
                     let screw = get("screw_c", old[1]);
                     // The head stays as it is: its lag dies away.
                     let lagged = old[2] + (old[5] - old[2]) * 0.9;
@@ -320,9 +326,9 @@ pub fn read(kind: &str, csv: &str) -> Box<dyn Experiment> {
     let machine = Machine::head_b_table_c(head, Origin::default());
     let warnings = &mut Vec::new();
     Box::new(
-        match kind {
+        match data(kind) {
             "burn" => ColumnsExperiment::burn_table(&table, &machine, warnings),
-            "thermal" | "thermal3" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
+            "thermal" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
             _ => ColumnsExperiment::ballbar_table(&table, &machine, warnings),
         }
         .expect("good data"),

@@ -55,8 +55,7 @@ impl Selection {
     /// The best that could stand in for one or two parts, if it is better.
     fn instead(&self, fitter: &Fitter, gone: &[Part]) -> Option<(f64, Model)> {
         let f = &self.fitted;
-        let (standing, own) = without(fitter, f, gone);
-        let score = own;
+        let (standing, score) = without(fitter, f, gone);
         let own = score.as_ref().map_or(0.0, |s| s.evidence);
         let rest = remove_all(&f.model, gone);
         let is_form = |p: &Part| matches!(p, Part::Extra(i) if matches!(f.model.extras[*i].kind, Extra::Form { .. }));

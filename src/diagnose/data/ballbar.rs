@@ -17,6 +17,7 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
             "there is no column z_mm: Z is taken as linked to B, 2R (1 - cos B) downwards".into(),
         );
         data.numbers.insert("z_mm", linked);
+        data.find_cups(measured);
     } else {
         // ISO 841 counts Z upwards; the method's own text counts the way down.
         let sense = |s: f64| {
@@ -32,7 +33,6 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         let turned = if alike { down.2 < up.2 } else { down.1 < up.1 };
         *data = if turned { down.0 } else { up.0 };
     }
-    data.find_cups(measured);
     let mut nuisances = Vec::new();
     let label = |name: &String| if name.is_empty() { String::new() } else { format!("{name}_") };
     let named = |cup: &Cup, name: &String, axis: usize| Parameter {
@@ -102,17 +102,17 @@ impl Columns {
     fn find_cups(&mut self, measured: &[f64]) -> f64 {
         let (mut cups, mut squares) = (Vec::new(), 0.0);
         for (path, name) in self.series_names.iter().enumerate() {
-            let rows: Vec<usize> =
-                (0..self.series.len()).filter(|r| self.series[*r] == path).collect();
+            let rows = self.rows_of(path);
             let tools: Vec<Vector3<f64>> = rows.iter().map(|r| self.tool(*r)).collect();
             let lengths: Vec<f64> = rows.iter().filter_map(|r| measured.get(*r)).copied().collect();
             let mean = lengths.iter().sum::<f64>() / lengths.len().max(1) as f64;
+            let beside_mm = Path::parse(name).map_or(0.0, |path| path.cup_y_mm);
             if lengths.len() < tools.len() || mean <= 0.0 {
-                let beside = Path::parse(name).map_or(0.0, |path| path.cup_y_mm);
-                cups.push(straight_below(name, &self.head, self.head.norm().hypot(beside)));
+                let bar_mm = self.head.norm().hypot(beside_mm);
+                cups.push(straight_below(beside_mm, &self.head, bar_mm));
                 continue;
             }
-            let cup = find(straight_below(name, &self.head, mean), &tools, &lengths);
+            let cup = find(straight_below(beside_mm, &self.head, mean), &tools, &lengths);
             squares += cup.miss_mm(&tools, &lengths).powi(2) * rows.len() as f64;
             cups.push(cup);
         }

@@ -55,6 +55,11 @@ impl Columns {
         need(&present, names)
     }
 
+    /// Rows of one path or axis.
+    pub fn rows_of(&self, series: usize) -> Vec<usize> {
+        (0..self.series.len()).filter(|row| self.series[*row] == series).collect()
+    }
+
     /// First and last time.
     pub fn times_s(&self) -> (f64, f64) {
         let t = self.get("t_s");

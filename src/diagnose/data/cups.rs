@@ -5,8 +5,6 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::ballbar::Path;
-
 /// A cup nearer to the plane of motion than this part of the bar may as well lie in it.
 const BESIDE: f64 = 0.05;
 /// Lengths that differ by less from those of a cup straight below leave it there.
@@ -44,9 +42,8 @@ impl Cup {
     }
 }
 
-/// The cup straight below the tool's first place, or beside it as the path's name says.
-pub fn straight_below(name: &str, tool0: &Vector3<f64>, bar_mm: f64) -> Cup {
-    let beside_mm = Path::parse(name).map_or(0.0, |path| path.cup_y_mm);
+/// The cup straight below the tool's first place, or so far beside the plane of motion.
+pub fn straight_below(beside_mm: f64, tool0: &Vector3<f64>, bar_mm: f64) -> Cup {
     let below_mm = (bar_mm * bar_mm - beside_mm * beside_mm).max(0.0).sqrt();
     let place_mm = Vector3::new(tool0.x, beside_mm, tool0.z - below_mm);
     Cup { place_mm, bar_mm, side_assumed: false }

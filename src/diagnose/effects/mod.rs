@@ -123,6 +123,20 @@ impl<C, E: Clone + Default> Library<C, E> {
 /// A first-order lag of `values` over `times_s`, starting in balance with the first value: the exact solution for values that
 /// change linearly between readings. Rows may be in any order.
 pub fn lagged(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
+    lag(times_s, values, |dt, last, value, y| {
+        let slope = (value - last) / dt;
+        // Response of a first-order lag to a ramp from the last value.
+        value - slope * lag_s + (y - last + slope * lag_s) * (-dt / lag_s).exp()
+    })
+}
+
+/// The same for readings that stand for all the time since the one before.
+pub fn held(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
+    lag(times_s, values, |dt, _, value, y| y + (1.0 - (-dt / lag_s).exp()) * (value - y))
+}
+
+/// A lag whose next value follows from the time gone by, the last and the present reading, and its last value.
+fn lag(times_s: &[f64], values: &[f64], next: impl Fn(f64, f64, f64, f64) -> f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..times_s.len()).collect();
     order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
     let mut out = vec![0.0; values.len()];
@@ -131,10 +145,7 @@ pub fn lagged(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
     for &i in &order {
         let dt = times_s[i] - t;
         if dt > 0.0 {
-            let slope = (values[i] - v) / dt;
-            let decay = (-dt / lag_s).exp();
-            // Response of a first-order lag to a ramp from v.
-            y = values[i] - slope * lag_s + (y - v + slope * lag_s) * decay;
+            y = next(dt, v, values[i], y);
             (t, v) = (times_s[i], values[i]);
         }
         out[i] = y;

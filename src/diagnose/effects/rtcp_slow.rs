@@ -111,26 +111,25 @@ pub fn linear_effects(l: &mut L, data: &Rtcp) {
         let best = "long moves: B over its whole range and the target far out";
         l.effect(Words { name, meaning, evidence, best, varies_with: &[] }, None);
         // The other axis may be taken for the straight one: then its own error shows.
-        let legs = if output == input { &[false][..] } else { &[false, true] };
-        for other in legs {
-            let (output, input) = if *other { (input, output) } else { (output, input) };
-            for datum in [false, true] {
-                if datum && data.geometry.centre[input] == 0.0 {
-                    // The C axis is the machine's zero: one and the same form, and no choice to pay for.
-                    continue;
-                }
-                let name = if *other { "other_leg_um_per_m" } else { "um_per_m" };
-                let mut parameters = vec![Parameter::linear(name, 20.0)];
-                if datum {
-                    parameters.push(Parameter::switch("datum", 1.0));
-                }
-                l.form(parameters, move |data, p, errors| {
-                    for (e, place) in errors.iter_mut().zip(&data.commanded) {
-                        let from = if datum { data.geometry.centre[input] } else { 0.0 };
-                        e.shift[output] += sign * p[0] * 1e-6 * (place[input] - from);
-                    }
-                });
+        let legs = [("um_per_m", output, input), ("other_leg_um_per_m", input, output)];
+        let legs = &legs[..if output == input { 1 } else { 2 }];
+        for (&(name, output, input), datum) in
+            legs.iter().flat_map(|leg| [(leg, false), (leg, true)])
+        {
+            if datum && data.geometry.centre[input] == 0.0 {
+                // The C axis is the machine's zero: one and the same form, and no choice to pay for.
+                continue;
             }
+            let mut parameters = vec![Parameter::linear(name, 20.0)];
+            if datum {
+                parameters.push(Parameter::switch("datum", 1.0));
+            }
+            l.form(parameters, move |data, p, errors| {
+                for (e, place) in errors.iter_mut().zip(&data.commanded) {
+                    let from = if datum { data.geometry.centre[input] } else { 0.0 };
+                    e.shift[output] += sign * p[0] * 1e-6 * (place[input] - from);
+                }
+            });
         }
     }
 }

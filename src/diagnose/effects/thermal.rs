@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, ambient_from, centred_metres, dead_sensor, gone, hats, heating, held, metres, middle,
-    rises, times, went,
+    Column, ambient_from, centred_metres, dead_sensor, gone, hats, heating, metres, middle, rises,
+    times, went,
 };
-use crate::diagnose::effects::{Library, Words, lagged, words};
+use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
 type L = Library<Columns, Vector3<f64>>;
@@ -167,13 +167,16 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
         data.needs(&["position_mm"]),
     );
     form(l, axes, &[one("mm_per_m2", 0.01)], None, |data, _| {
-        vec![times(&metres(data), &metres(data))]
+        let metres = metres(data);
+        vec![times(&metres, &metres)]
     });
     form(l, axes, &[one("centred_mm_per_m2", 0.01)], None, |data, _| {
-        vec![times(&centred_metres(data), &centred_metres(data))]
+        let metres = centred_metres(data);
+        vec![times(&metres, &metres)]
     });
     form(l, axes, &[one("warm_mm_per_m2_c", 0.01)], None, |data, _| {
-        vec![times(&rises(data), &times(&metres(data), &metres(data)))]
+        let metres = metres(data);
+        vec![times(&rises(data), &times(&metres, &metres))]
     });
     l.effect(
         words(

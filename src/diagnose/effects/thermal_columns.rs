@@ -76,7 +76,7 @@ pub fn went(data: &Columns) -> Vec<f64> {
     let mut out = vec![0.0; data.series.len()];
     let t = data.get("t_s");
     for axis in 0..data.series_names.len() {
-        let mut rows: Vec<usize> = (0..out.len()).filter(|r| data.series[*r] == axis).collect();
+        let mut rows = data.rows_of(axis);
         rows.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
         let screw: Vec<f64> = rows.iter().map(|r| data.get("screw_c")[*r]).collect();
         let changes = screw.windows(2).map(|pair| pair[1] - pair[0]);
@@ -95,26 +95,11 @@ pub fn went(data: &Columns) -> Vec<f64> {
 pub fn heating(data: &Columns) -> Vec<f64> {
     let mut out = vec![0.0; data.series.len()];
     for axis in 0..data.series_names.len() {
-        let rows: Vec<usize> = (0..out.len()).filter(|r| data.series[*r] == axis).collect();
+        let rows = data.rows_of(axis);
         let of = |name: &str| rows.iter().map(|r| data.get(name)[*r]).collect::<Vec<f64>>();
         for (row, slope) in rows.iter().zip(slopes(&of("t_s"), &of("screw_c"))) {
             out[*row] = slope;
         }
-    }
-    out
-}
-
-/// A first-order lag of readings that are held until the next one.
-pub fn held(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..times_s.len()).collect();
-    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
-    let mut out = vec![0.0; values.len()];
-    let Some(&first) = order.first() else { return out };
-    let (mut t, mut y) = (times_s[first], values[first]);
-    for &i in &order {
-        y += (1.0 - (-(times_s[i] - t) / lag_s).exp()) * (values[i] - y);
-        t = times_s[i];
-        out[i] = y;
     }
     out
 }
