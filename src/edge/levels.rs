@@ -35,6 +35,11 @@ impl Curve {
         Self { basis, widths }
     }
 
+    /// The curves' values at a sector, but for the constant.
+    pub(super) fn slow(&self, sector: usize) -> &[f64] {
+        &self.basis[sector].as_slice()[1..self.widths[self.widths.len() - 1]]
+    }
+
     /// The robust curve through `values` (weight 0: no value), and the standard deviation about it.
     pub(super) fn fit(&self, values: &[f64], weights: &[f64]) -> (Vec<f64>, f64) {
         let (mut best, mut sd, mut sum) = self.fit_order(0, values, weights);

@@ -7,9 +7,13 @@
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to: on a clean picture that reaches the
 //! Cramer-Rao bound (free levels would cost half of the information), on a textured one it lets them float.
+//! Where nothing but pixel noise shows, all sectors share one level and one gain ([`Everywhere`]).
 
+use crate::edge::blurred::Blurred;
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
+use crate::edge::plain::Everywhere;
+use crate::edge::pool::Pool;
 use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, bins_of, fit_sector, search};
 use crate::edge::shape::Shape;
 use crate::edge::template::Step;
@@ -109,7 +113,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     let mut matches: Vec<Match> = Vec::new();
     let mut noise = Noise::white((0.05 * range).powi(2), &template);
     let curve = Curve::new(n, closed);
-    let mut whitening = Vec::new();
+    let (mut whitening, mut learnt) = (Vec::new(), false);
     for round in 0..options.rounds {
         let shape = Shape::of(&template);
         matches = (0..n)
@@ -156,13 +160,26 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             noise.shape2.fill(0.0);
         } else if round + 1 < options.rounds {
             noise.learn_correlation(&shape, &sectors, &matches, &alive);
+            learnt = true;
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if round + 1 < options.rounds {
-            rebuild(&mut template, &shape, &sectors, &matches, &alive, &curve, &noise);
+            let pool = Pool::of(&template, &shape, &sectors, &matches, &alive, &curve, &noise);
+            template = pool.template(&template);
         }
     }
-    let step = template.edge();
+    let mut blurred = None;
+    if learnt && !noise.is_correlated() {
+        let edge = Everywhere { sectors: &sectors, alive: &alive, curve: &curve, noise: &noise };
+        if let Some(plain) = edge.plain(&template, &matches) {
+            (template, matches, blurred) = (plain.template, plain.matches, plain.blurred);
+        } else {
+            let shape = Shape::of(&template);
+            let pool = Pool::of(&template, &shape, &sectors, &matches, &alive, &curve, &noise);
+            blurred = Blurred::fit(&pool, &template, 1.0);
+        }
+    }
+    let step = blurred.map_or_else(|| template.edge(), Blurred::step);
     let disturbed = local_misfit(&matches, &alive, closed);
     let points: Vec<EdgePoint> = matches
         .iter()
@@ -294,62 +311,4 @@ fn update_priors(
             tail: (if round == 0 { 0.0 } else { tails[s] - usual_tail }, tail_variance),
         };
     }
-}
-
-/// The common profile again, from all usable sectors laid on top of each other.
-fn rebuild(
-    template: &mut Template,
-    shape: &Shape,
-    sectors: &[Vec<Bin>],
-    matches: &[Match],
-    alive: &[f64],
-    curve: &Curve,
-    noise: &Noise,
-) {
-    let shifts: Vec<f64> = matches.iter().map(|m| m.shift).collect();
-    let unsure: Vec<f64> = matches.iter().map(|m| m.shift_variance).collect();
-    let (smooth, sd, _) = curve.fit_order(2, &shifts, alive);
-    // Shifts that are mostly noise would sharpen the profile on that noise: shrink them to the curve.
-    let trust = (1.0 - median(&unsure, alive) / (sd * sd).max(1e-300)).clamp(0.0, 1.0);
-    // The tail that all sectors have is the common profile's.
-    let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
-    let usual_tail = median(&tails, alive);
-    let n = template.values.len();
-    let mut sum = vec![0.0; n];
-    let mut weight = vec![0.0; n];
-    let mut pixels = vec![0.0; n];
-    for (s, bins) in sectors.iter().enumerate() {
-        if alive[s] == 0.0 {
-            continue;
-        }
-        let m = &matches[s];
-        let shift = smooth[s] + trust * (m.shift - smooth[s]);
-        for b in bins {
-            let x = Match { shift, ..*m }.place(b, &shape.edge);
-            let place = (x - template.start_px) / template.step_px;
-            let node = place.round();
-            if node < 0.0 || node >= n as f64 {
-                continue;
-            }
-            let old = shape.at(x);
-            let y = (b.value - m.level - (m.tail - usual_tail) * old.tail) / m.gain;
-            let i = node as usize;
-            let variance = noise.variance(b, i);
-            let r = (y - old.profile) * m.gain / variance.sqrt();
-            let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
-            sum[i] += w * (y - old.slope * (place - node) * template.step_px);
-            weight[i] += w;
-            pixels[i] += b.count;
-        }
-    }
-    let mut last = template.values[0];
-    // Nodes that hardly any pixel falls on keep their neighbour's value.
-    let least = 0.1 * pixels.iter().sum::<f64>() / n as f64;
-    for i in 0..n {
-        if weight[i] > 0.0 && pixels[i] > least {
-            last = sum[i] / weight[i];
-        }
-        template.values[i] = last;
-    }
-    template.denoise();
 }

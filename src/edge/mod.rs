@@ -6,10 +6,13 @@
 //!    assumed, so soft, asymmetric and multiple edges all work, and the noise bound is reached.
 //! 4. [`together()`]: a small mark on brushed metal, once more all round at once, free of the metal's texture.
 
+mod blurred;
 mod contour;
 mod levels;
 mod locate;
 mod noise;
+mod plain;
+mod pool;
 mod scan;
 mod sector;
 mod shading;

@@ -139,7 +139,9 @@ impl Noise {
         let length = |i: usize| LEAST_LENGTH * self.step_px * 2f64.powi(i as i32);
         let (at, value) =
             climb([SHARES.len(), lengths], |[i, j]| likelihood(&rows, SHARES[i], length(j)));
-        (self.share, self.length_px) = if value > likelihood(&rows, 0.0, 1.0) {
+        // Two more numbers must be worth it (Schwarz 1978): what only looks like texture costs knowledge of the edge.
+        let bins = rows.iter().map(Vec::len).sum::<usize>().max(1) as f64;
+        (self.share, self.length_px) = if value > likelihood(&rows, 0.0, 1.0) + bins.ln() {
             (SHARES[at[0]], length(at[1]))
         } else {
             (0.0, 1.0)

@@ -33,7 +33,7 @@ impl Shape {
     pub(super) fn of(template: &Template) -> Self {
         let edge = template.edge();
         let (v, n) = (&template.values, template.values.len());
-        let tail_at = |i: usize| edge.tail(template.start_px + template.step_px * i as f64);
+        let tail_at = |i: usize| edge.tail(template.place_px(i));
         let pieces = (0..n.saturating_sub(1))
             .map(|i| {
                 let (p1, p2) = (v[i], v[i + 1]);

@@ -14,6 +14,11 @@ pub struct Template {
 }
 
 impl Template {
+    /// Distance of a node.
+    pub(super) fn place_px(&self, node: usize) -> f64 {
+        self.start_px + self.step_px * node as f64
+    }
+
     /// Smooths with a binomial kernel, `times` over.
     pub fn smooth(&mut self, times: usize) {
         let n = self.values.len();
@@ -68,9 +73,9 @@ impl Template {
             })
             .collect();
         // Of edges about as strong, the one nearest to where it is expected; the ends of the profile are no edges.
-        let end_px = self.start_px + self.step_px * (n - 1) as f64;
+        let end_px = self.place_px(n - 1);
         let strength = |i: usize| {
-            let distance_px = self.start_px + self.step_px * i as f64;
+            let distance_px = self.place_px(i);
             let reach_px = if distance_px < 0.0 { self.start_px } else { end_px };
             slope[i].abs() * (1.0 - 0.7 * (distance_px / reach_px).powi(2))
         };

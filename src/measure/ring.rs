@@ -150,12 +150,21 @@ pub(super) struct Effort {
     joined: f64,
     /// Rounds of the sectors' matches and their common profile.
     rounds: usize,
+    /// Bins per pixel of softness.
+    bins: f64,
 }
 
 /// All that the pixels say.
-pub(super) const CLOSE: Effort = Effort { sectors: 2 * GROUPS, joined: 1.0 / 3.0, rounds: 4 };
+pub(super) const CLOSE: Effort =
+    Effort { sectors: 2 * GROUPS, joined: 1.0 / 3.0, rounds: 4, bins: 4.0 };
+/// The same where the pixels' noise is so small, and so many share a bin, that how they fall into it would matter.
+const CLOSEST: Effort = Effort { bins: 8.0, ..CLOSE };
+/// Such noise, as a part of the step, and the radius of such a contour.
+const SMALL_NOISE: f64 = 0.01;
+const LONG_PX: f64 = 200.0;
 /// Where the band must lie, and how wide it must be.
-pub(super) const GLANCE: Effort = Effort { sectors: GROUPS, joined: 1.0 / 2.0, rounds: 2 };
+pub(super) const GLANCE: Effort =
+    Effort { sectors: GROUPS, joined: 1.0 / 2.0, rounds: 2, bins: 4.0 };
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
 fn sectors_for(length_px: f64, softness_px: f64, most: usize) -> usize {
@@ -175,7 +184,7 @@ pub(super) fn edge_points(
     let band = Band {
         inside_px: search.band_px().0.min(0.95 * contour.mean_radius_px()),
         outside_px: search.band_px().1,
-        bin_px: (softness / 4.0).max(0.25),
+        bin_px: (softness / effort.bins).max(0.25),
         sectors: sectors_for(contour.length_px(), softness, effort.sectors),
     };
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
@@ -236,10 +245,14 @@ pub fn measure(
     const LOOKS: usize = 5;
     let mut guess = rough;
     let mut search = search;
-    let (mut close, mut last) = (false, None);
+    let (mut close, mut quiet, mut last) = (false, false, None);
     for look in 1..=LOOKS {
         close |= look == LOOKS;
-        let effort = if close { CLOSE } else { GLANCE };
+        let effort = match (close, quiet) {
+            (true, true) => CLOSEST,
+            (true, false) => CLOSE,
+            (false, _) => GLANCE,
+        };
         let points = edge_points(frame, view, guess, search, effort)?;
         let weights = robust_weights(&points);
         let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
@@ -249,6 +262,8 @@ pub fn measure(
             / pixel;
         guess = fitted.circle;
         let softness = points.located.step.softness_px;
+        quiet = points.radius_px > LONG_PX
+            && points.located.noise < SMALL_NOISE * points.located.step.contrast().abs();
         last = Some((points, fitted));
         let settled = moved < 0.25 * softness.max(0.5)
             && (0.85..1.18).contains(&(softness / search.softness_px));
@@ -267,6 +282,13 @@ pub fn measure(
     Some(finish(view, &points, fitted.circle, &weights, &sectors, fit))
 }
 
+/// How far the half level of a disc blurred by `sigma_px` lies inside its rim: σ²/2R, and for small discs what a straight edge fitted to the
+/// blurred disc's exact profile gets wrong besides (to 0.3 % of it up to σ = 0.32 `seen_px`, the half level's radius).
+fn blur_px(sigma_px: f64, seen_px: f64) -> f64 {
+    let q2 = (sigma_px / seen_px).powi(2).min(0.1);
+    sigma_px * sigma_px / (2.0 * seen_px) * (1.0 - q2 * (0.456 + q2 * (1.515 + q2 * 7.44)))
+}
+
 /// What the correlated fit about a circle says of the edge, its form in the sectors included.
 fn finish(
     view: &View,
@@ -282,8 +304,8 @@ fn finish(
     let known: f64 = sectors.variance.iter().map(|v| 1.0 / v).sum();
     let form = residuals.iter().zip(&sectors.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
-    // A blurred disc's half level lies σ²/2R inside its rim.
-    let blur_mm = points.located.step.softness_px.powi(2) / (2.0 * points.radius_px) * pixel_mm;
+    let seen_px = (about.radius + fit.beta[2]) / pixel_mm;
+    let blur_mm = blur_px(points.located.step.softness_px, seen_px) * pixel_mm;
     let step = points.located.step;
     let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();

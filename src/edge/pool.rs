@@ -1,0 +1,85 @@
+//! All usable sectors laid on top of each other: the common profile, node by node, as the pixels have it.
+
+use crate::edge::Template;
+use crate::edge::levels::{Curve, median};
+use crate::edge::noise::Noise;
+use crate::edge::sector::{Bin, Match};
+use crate::edge::shape::Shape;
+
+/// What the sectors say of each node of the common profile.
+pub(super) struct Pool {
+    /// Mean value.
+    pub(super) value: Vec<f64>,
+    /// One over its variance; 0 where no pixel falls.
+    pub(super) weight: Vec<f64>,
+    /// Pixels.
+    pixels: Vec<f64>,
+}
+
+impl Pool {
+    /// Lays the sectors on the nodes of `template`, which the matches and `shape` are of.
+    pub(super) fn of(
+        template: &Template,
+        shape: &Shape,
+        sectors: &[Vec<Bin>],
+        matches: &[Match],
+        alive: &[f64],
+        curve: &Curve,
+        noise: &Noise,
+    ) -> Self {
+        let shifts: Vec<f64> = matches.iter().map(|m| m.shift).collect();
+        let unsure: Vec<f64> = matches.iter().map(|m| m.shift_variance).collect();
+        let (smooth, sd, _) = curve.fit_order(2, &shifts, alive);
+        // Shifts that are mostly noise would sharpen the profile on that noise: shrink them to the curve.
+        let trust = (1.0 - median(&unsure, alive) / (sd * sd).max(1e-300)).clamp(0.0, 1.0);
+        // The tail that all sectors have is the common profile's.
+        let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
+        let usual_tail = median(&tails, alive);
+        let n = template.values.len();
+        let (mut sum, mut weight, mut pixels) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
+        for (s, bins) in sectors.iter().enumerate() {
+            if alive[s] == 0.0 {
+                continue;
+            }
+            let m = &matches[s];
+            let shift = smooth[s] + trust * (m.shift - smooth[s]);
+            for b in bins {
+                let x = Match { shift, ..*m }.place(b, &shape.edge);
+                let place = (x - template.start_px) / template.step_px;
+                let node = place.round();
+                if node < 0.0 || node >= n as f64 {
+                    continue;
+                }
+                let old = shape.at(x);
+                let y = (b.value - m.level - (m.tail - usual_tail) * old.tail) / m.gain;
+                let i = node as usize;
+                let variance = noise.variance(b, i);
+                let r = (y - old.profile) * m.gain / variance.sqrt();
+                let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
+                sum[i] += w * (y - old.slope * (place - node) * template.step_px);
+                weight[i] += w;
+                pixels[i] += b.count;
+            }
+        }
+        let mean = |(sum, weight): (&f64, &f64)| if *weight > 0.0 { sum / weight } else { 0.0 };
+        let value = sum.iter().zip(&weight).map(mean).collect();
+        Self { value, weight, pixels }
+    }
+
+    /// The common profile again, on the nodes of the one before.
+    pub(super) fn template(&self, before: &Template) -> Template {
+        let mut template = before.clone();
+        let n = template.values.len();
+        let mut last = template.values[0];
+        // Nodes that hardly any pixel falls on keep their neighbour's value.
+        let least = 0.1 * self.pixels.iter().sum::<f64>() / n as f64;
+        for i in 0..n {
+            if self.weight[i] > 0.0 && self.pixels[i] > least {
+                last = self.value[i];
+            }
+            template.values[i] = last;
+        }
+        template.denoise();
+        template
+    }
+}
