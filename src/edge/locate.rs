@@ -69,6 +69,8 @@ pub struct Located {
     pub step: Step,
     /// Standard deviation of a pixel about the model, in counts.
     pub noise: f64,
+    /// Whether the edge is the same everywhere, but for its place and pixel noise.
+    pub plain: bool,
     /// Whether errors go together along a profile, as those of brushed metal do.
     pub textured: bool,
     /// Share of the sectors with a usable edge.
@@ -168,11 +170,12 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             template = pool.template(&template);
         }
     }
-    let mut blurred = None;
+    let (mut blurred, mut plain) = (None, false);
     if learnt && !noise.is_correlated() {
         let edge = Everywhere { sectors: &sectors, alive: &alive, curve: &curve, noise: &noise };
-        if let Some(plain) = edge.plain(&template, &matches) {
-            (template, matches, blurred) = (plain.template, plain.matches, plain.blurred);
+        if let Some(found) = edge.plain(&template, &matches) {
+            (template, matches, blurred) = (found.template, found.matches, found.blurred);
+            plain = true;
         } else {
             let shape = Shape::of(&template);
             let pool = Pool::of(&template, &shape, &sectors, &matches, &alive, &curve, &noise);
@@ -201,7 +204,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         });
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
-    Some(Located { points, template, step, noise, textured, coverage, leaning_px })
+    Some(Located { points, template, step, noise, plain, textured, coverage, leaning_px })
 }
 
 /// How much worse or better than usual the sectors near each one fit. Brushed metal disturbs the arcs along its

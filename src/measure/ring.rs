@@ -11,8 +11,8 @@ use crate::measure::rows::{final_weights, group_rows, robust_weights, textured_r
 
 /// Groups of sectors the correlated fit works on: enough for the wander of any real edge.
 const GROUPS: usize = 72;
-/// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the
-/// softness beyond 3 px is added to the centre's standard uncertainty.
+/// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the softness beyond 3 px is
+/// added to the centre's standard uncertainty, unless the levels are seen to be the same all round.
 const SOFT_EDGE: f64 = 0.003;
 
 /// A heat tint that is stronger on one side is taken out by a shape that it only roughly has: this part of what it would
@@ -311,7 +311,8 @@ fn finish(
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
     covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
-    let soft_mm = SOFT_EDGE * (points.located.step.softness_px - 3.0).max(0.0) * pixel_mm;
+    let soft_px = if points.located.plain { 0.0 } else { (step.softness_px - 3.0).max(0.0) };
+    let soft_mm = SOFT_EDGE * soft_px * pixel_mm;
     let leaning_mm = LEANING * points.located.leaning_px * pixel_mm;
     for i in 0..2 {
         covariance[(i, i)] += soft_mm * soft_mm + leaning_mm * leaning_mm;

@@ -236,6 +236,9 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
         fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
     }
+    let radius = fit.beta.len() - 1;
+    let pixel_mm = arcs.iter().map(|a| a.points.pixel_mm).fold(0.0, f64::max);
+    fit.covariance[(radius, radius)] += (RADIUS_PX * pixel_mm).powi(2);
     let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
     Some(Refined {
         misses_mm: rms(&fit.residuals),
@@ -245,9 +248,10 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
     })
 }
 
-/// An arc as a whole is out of place by this much (standard deviation): how pixels integrate light and where the
-/// counts are rounded shows in no residual. Noiseless renderings of two makers scatter by 0.002 to 0.004 px.
-const PLACE_PX: f64 = 0.0035;
+/// An arc as a whole is out of place by this much (standard deviation), and all arcs together too far out or in by that: how pixels
+/// integrate light and where the counts are rounded shows in no residual. So clean renderings of two makers scatter.
+const PLACE_PX: f64 = 0.001;
+const RADIUS_PX: f64 = 0.002;
 
 /// Groups of edge points of one arc in the correlated fit.
 const GROUPS_PER_ARC: usize = 30;
