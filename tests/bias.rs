@@ -233,7 +233,33 @@ fn blur_of_a_curved_edge() {
     }
 }
 
-/// The same on arcs of a rod whose diameter is known: what the radius lacks goes into the centre.
+/// Of a small soft disc in a noisy picture no more can be known (Cramer-Rao) than is found, and the radius is not biased.
+#[test]
+fn noise_alone_limits_a_clean_disc() {
+    const EXPOSURES: u32 = 60;
+    let (radius, blur, contrast, noise) = (20.0, 4.0, 0.3, 0.012);
+    let centers = [(349.8, 350.3), (350.0, 349.5), (349.6, 349.7), (350.4, 350.1)];
+    let (mut squares, mut larger) = (0.0, 0.0);
+    for (i, (x, y)) in centers.into_iter().enumerate() {
+        let center = Vector2::new(x, y);
+        let canvas = disc(center, radius, blur, [0.6, 0.6 - contrast], |_| 1.0);
+        let mut rng = ChaCha8Rng::seed_from_u64(i as u64);
+        for _ in 0..EXPOSURES {
+            let picture = canvas.picture(Sensor { noise, gamma: 1.0, bits: 8 }, &mut rng);
+            let found = measured(&picture, &scale(), 2.0 * radius * MM_PER_PX);
+            squares += (Vector2::from(found.center_mm) - plane(center)).norm_squared();
+            larger += 0.5 * found.diameter_mm / MM_PER_PX - radius;
+        }
+    }
+    let n = f64::from(EXPOSURES) * centers.len() as f64;
+    let (rms, larger) = ((squares / (2.0 * n)).sqrt() / MM_PER_PX, larger / n);
+    let bound = noise / contrast * (2.0 * blur / (std::f64::consts::PI.sqrt() * radius)).sqrt();
+    println!("rms {rms:.5} px, bound {bound:.5} px, radius off by {larger:+.5} px");
+    assert!(rms < 1.2 * bound, "rms {rms} px, bound {bound} px");
+    assert!(larger.abs() < 0.3 * bound, "radius off by {larger} px, bound {bound} px");
+}
+
+/// A blurred rim on arcs of a rod whose diameter is known: what the radius lacks goes into the centre.
 #[test]
 fn blur_of_a_known_rods_arcs() {
     let (radius, blur) = (150.0, 7.0);

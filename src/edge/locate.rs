@@ -7,13 +7,12 @@
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to: on a clean picture that reaches the
 //! Cramer-Rao bound (free levels would cost half of the information), on a textured one it lets them float.
-//! Where nothing but pixel noise shows, all sectors share one level and one gain ([`Everywhere`]).
+//! Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]).
 
 use crate::edge::blurred::Blurred;
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
-use crate::edge::plain::Everywhere;
-use crate::edge::pool::Pool;
+use crate::edge::pool::Sectors;
 use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, bins_of, fit_sector, search};
 use crate::edge::shape::Shape;
 use crate::edge::template::Step;
@@ -166,19 +165,19 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if round + 1 < options.rounds {
-            let pool = Pool::of(&template, &shape, &sectors, &matches, &alive, &curve, &noise);
-            template = pool.template(&template);
+            let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise };
+            template = all.pool(&template, &shape, &matches).template(&template);
         }
     }
     let (mut blurred, mut plain) = (None, false);
     if learnt && !noise.is_correlated() {
-        let edge = Everywhere { sectors: &sectors, alive: &alive, curve: &curve, noise: &noise };
-        if let Some(found) = edge.plain(&template, &matches) {
+        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise };
+        if let Some(found) = all.plain(&template, &matches) {
             (template, matches, blurred) = (found.template, found.matches, found.blurred);
             plain = true;
         } else {
             let shape = Shape::of(&template);
-            let pool = Pool::of(&template, &shape, &sectors, &matches, &alive, &curve, &noise);
+            let pool = all.pool(&template, &shape, &matches);
             blurred = Blurred::fit(&pool, &template, 1.0);
         }
     }
@@ -233,10 +232,10 @@ fn local_misfit(matches: &[Match], alive: &[f64], closed: bool) -> Vec<f64> {
         .collect()
 }
 
-/// The median over the sectors, bin by bin: the first guess of the common profile.
+/// The median over the sectors, bin by bin: the first guess of the common profile. Bins without pixels have their neighbour's level.
 fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
     let mut values = Vec::with_capacity(profiles.bins);
-    let mut last = 0.0;
+    let mut last = f64::NAN;
     for b in 0..profiles.bins {
         let list: Vec<f64> = (0..profiles.sectors())
             .map(|s| f64::from(profiles.value[s * profiles.bins + b]))
@@ -249,6 +248,9 @@ fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
         }
         values.push(last);
     }
+    // The first may lie where the contour is too narrow for a pixel: a step there would pass for the edge.
+    let first = values.iter().copied().find(|v| v.is_finite()).unwrap_or(0.0);
+    values.iter_mut().take_while(|v| v.is_nan()).for_each(|v| *v = first);
     let mut template =
         Template { start_px: profiles.bin_middle_px(0), step_px: profiles.band.bin_px, values };
     template.smooth(2);

@@ -11,10 +11,8 @@ use nalgebra::{
 
 use crate::edge::Template;
 use crate::edge::blurred::Blurred;
-use crate::edge::levels::Curve;
-use crate::edge::noise::Noise;
-use crate::edge::pool::Pool;
-use crate::edge::sector::{Bin, Match, PARAMETERS, Products};
+use crate::edge::pool::Sectors;
+use crate::edge::sector::{Match, PARAMETERS, Products};
 use crate::edge::shape::Shape;
 
 /// Standard deviations of χ² that what the sectors explain may be above its mean.
@@ -24,14 +22,6 @@ const STEPS: usize = 3;
 /// Which parameter of a sector is its shift, and which are not.
 const SHIFT: usize = 2;
 const OTHERS: [usize; 4] = [0, 1, 3, 4];
-
-/// All sectors of a band.
-pub(super) struct Everywhere<'a> {
-    pub(super) sectors: &'a [Vec<Bin>],
-    pub(super) alive: &'a [f64],
-    pub(super) curve: &'a Curve,
-    pub(super) noise: &'a Noise,
-}
 
 /// A plain edge.
 pub(super) struct Plain {
@@ -56,13 +46,12 @@ struct Sums {
     squares: f64,
 }
 
-impl Everywhere<'_> {
+impl Sectors<'_> {
     /// The edge with one level and one gain, its common profile learnt again. `None` where sectors have something of their own.
     pub(super) fn plain(&self, template: &Template, matches: &[Match]) -> Option<Plain> {
         let shape = Shape::of(template);
         let (matches, scale) = self.shifts(&shape, matches)?;
-        let pool =
-            Pool::of(template, &shape, self.sectors, &matches, self.alive, self.curve, self.noise);
+        let pool = self.pool(template, &shape, &matches);
         let again = pool.template(template);
         let blurred = Blurred::fit(&pool, &again, scale);
         let template = blurred.map_or_else(|| again.clone(), |edge| edge.template(&again));
@@ -97,7 +86,7 @@ impl Everywhere<'_> {
             }
             sums = self.sums(shape, &found, &used);
         }
-        let bins: usize = used.iter().map(|s| self.sectors[*s].len()).sum();
+        let bins: usize = used.iter().map(|s| self.bins[*s].len()).sum();
         let own = sums.iter().map(|s| explained(&s.rest, &s.right)).sum::<Option<f64>>()?;
         let squares = sums.iter().map(|s| s.squares).sum::<f64>();
         let scale = (squares - own) / (bins as f64 - PARAMETERS as f64 * count).max(1.0);
@@ -120,7 +109,7 @@ impl Everywhere<'_> {
     fn sums(&self, shape: &Shape, matches: &[Match], used: &[usize]) -> Vec<Sums> {
         let of = |&sector: &usize| {
             let mut products = Products::default();
-            for b in &self.sectors[sector] {
+            for b in &self.bins[sector] {
                 let weight = (b.count / self.noise.pixel2).sqrt();
                 products.add(&matches[sector].row(b, shape).map(|v| v * weight));
             }

@@ -16,29 +16,30 @@ pub(super) struct Pool {
     pixels: Vec<f64>,
 }
 
-impl Pool {
+/// All sectors of a band, and what is known of them.
+pub(super) struct Sectors<'a> {
+    pub(super) bins: &'a [Vec<Bin>],
+    /// 1 for those in use, 0 for others.
+    pub(super) alive: &'a [f64],
+    pub(super) curve: &'a Curve,
+    pub(super) noise: &'a Noise,
+}
+
+impl Sectors<'_> {
     /// Lays the sectors on the nodes of `template`, which the matches and `shape` are of.
-    pub(super) fn of(
-        template: &Template,
-        shape: &Shape,
-        sectors: &[Vec<Bin>],
-        matches: &[Match],
-        alive: &[f64],
-        curve: &Curve,
-        noise: &Noise,
-    ) -> Self {
+    pub(super) fn pool(&self, template: &Template, shape: &Shape, matches: &[Match]) -> Pool {
         let shifts: Vec<f64> = matches.iter().map(|m| m.shift).collect();
         let unsure: Vec<f64> = matches.iter().map(|m| m.shift_variance).collect();
-        let (smooth, sd, _) = curve.fit_order(2, &shifts, alive);
+        let (smooth, sd, _) = self.curve.fit_order(2, &shifts, self.alive);
         // Shifts that are mostly noise would sharpen the profile on that noise: shrink them to the curve.
-        let trust = (1.0 - median(&unsure, alive) / (sd * sd).max(1e-300)).clamp(0.0, 1.0);
+        let trust = (1.0 - median(&unsure, self.alive) / (sd * sd).max(1e-300)).clamp(0.0, 1.0);
         // The tail that all sectors have is the common profile's.
         let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
-        let usual_tail = median(&tails, alive);
+        let usual_tail = median(&tails, self.alive);
         let n = template.values.len();
         let (mut sum, mut weight, mut pixels) = (vec![0.0; n], vec![0.0; n], vec![0.0; n]);
-        for (s, bins) in sectors.iter().enumerate() {
-            if alive[s] == 0.0 {
+        for (s, bins) in self.bins.iter().enumerate() {
+            if self.alive[s] == 0.0 {
                 continue;
             }
             let m = &matches[s];
@@ -53,7 +54,7 @@ impl Pool {
                 let old = shape.at(x);
                 let y = (b.value - m.level - (m.tail - usual_tail) * old.tail) / m.gain;
                 let i = node as usize;
-                let variance = noise.variance(b, i);
+                let variance = self.noise.variance(b, i);
                 let r = (y - old.profile) * m.gain / variance.sqrt();
                 let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);
                 sum[i] += w * (y - old.slope * (place - node) * template.step_px);
@@ -63,9 +64,11 @@ impl Pool {
         }
         let mean = |(sum, weight): (&f64, &f64)| if *weight > 0.0 { sum / weight } else { 0.0 };
         let value = sum.iter().zip(&weight).map(mean).collect();
-        Self { value, weight, pixels }
+        Pool { value, weight, pixels }
     }
+}
 
+impl Pool {
     /// The common profile again, on the nodes of the one before.
     pub(super) fn template(&self, before: &Template) -> Template {
         let mut template = before.clone();
