@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::edge::Template;
+use crate::edge::noise::by_chance;
 use crate::edge::pool::Pool;
 use crate::edge::template::Step;
 
@@ -24,8 +25,6 @@ impl Blurred {
     pub(super) fn fit(pool: &Pool, template: &Template, scale: f64) -> Option<Self> {
         /// Root mean square difference, as a part of the step, that does not matter.
         const TRACE: f64 = 0.003;
-        /// Standard deviations of its squares' sum that are chance.
-        const CHANCE: f64 = 2.5;
         let start = template.edge();
         let mut now = Self {
             inner: start.inner,
@@ -68,9 +67,9 @@ impl Blurred {
             weights += weight;
         }
         let dof = nodes.len() as f64 - 4.0;
-        let chance = scale * (dof + CHANCE * (2.0 * dof.max(0.0)).sqrt());
         let trace = (TRACE * now.contrast()).powi(2) * weights;
-        (settled && dof > 0.0 && squares < chance.max(trace)).then_some(now)
+        let alike = by_chance(squares, dof, scale) || squares < trace;
+        (settled && dof > 0.0 && alike).then_some(now)
     }
 
     /// Outer minus inner level.

@@ -5,9 +5,9 @@
 //! profile then leans). H fades away outside the edge: heat tint and shadow are stronger on one side than on the other, and where they
 //! are, the edge would seem to lie further out. T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
-//! slowly along the contour, as tightly as the data show them to: on a clean picture that reaches the
-//! Cramer-Rao bound (free levels would cost half of the information), on a textured one it lets them float.
-//! Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]).
+//! slowly along the contour, as tightly as the data show them to (free levels would cost half of the information): on a textured
+//! picture that lets them float. Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]),
+//! which reaches the Cramer-Rao bound.
 
 use crate::edge::blurred::Blurred;
 use crate::edge::levels::{Curve, median};
@@ -172,11 +172,11 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     let (mut blurred, mut plain) = (None, false);
     if learnt && !noise.is_correlated() {
         let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise };
-        if let Some(found) = all.plain(&template, &matches) {
+        let shape = Shape::of(&template);
+        if let Some(found) = all.plain(&template, &shape, &matches) {
             (template, matches, blurred) = (found.template, found.matches, found.blurred);
             plain = true;
         } else {
-            let shape = Shape::of(&template);
             let pool = all.pool(&template, &shape, &matches);
             blurred = Blurred::fit(&pool, &template, 1.0);
         }

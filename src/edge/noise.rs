@@ -149,6 +149,13 @@ impl Noise {
     }
 }
 
+/// Whether noise alone may well make a sum of squares so large: `dof` independent ones of variance `scale` each.
+pub(super) fn by_chance(squares: f64, dof: f64, scale: f64) -> bool {
+    /// Standard deviations of the sum above its mean.
+    const CHANCE: f64 = 2.5;
+    squares < scale * (dof + CHANCE * (2.0 * dof).sqrt())
+}
+
 /// The place of a grid, and the value there, from which no step up, down, left or right leads higher; from its middle.
 fn climb(size: [usize; 2], value: impl Fn([usize; 2]) -> f64) -> ([usize; 2], f64) {
     let mut known = vec![None; size[0] * size[1]];

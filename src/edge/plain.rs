@@ -11,12 +11,11 @@ use nalgebra::{
 
 use crate::edge::Template;
 use crate::edge::blurred::Blurred;
+use crate::edge::noise::by_chance;
 use crate::edge::pool::Sectors;
 use crate::edge::sector::{Match, PARAMETERS, Products};
 use crate::edge::shape::Shape;
 
-/// Standard deviations of χ² that what the sectors explain may be above its mean.
-const CHANCE: f64 = 2.5;
 /// Steps to one level, one gain and all shifts: each is nearly linear, and the start is near.
 const STEPS: usize = 3;
 /// Which parameter of a sector is its shift, and which are not.
@@ -47,14 +46,21 @@ struct Sums {
 }
 
 impl Sectors<'_> {
-    /// The edge with one level and one gain, its common profile learnt again. `None` where sectors have something of their own.
-    pub(super) fn plain(&self, template: &Template, matches: &[Match]) -> Option<Plain> {
-        let shape = Shape::of(template);
-        let (matches, scale) = self.shifts(&shape, matches)?;
-        let pool = self.pool(template, &shape, &matches);
+    /// The edge with one level and one gain, its common profile learnt again; `shape` is that of the one so far. `None` where sectors have something of their own.
+    pub(super) fn plain(
+        &self,
+        template: &Template,
+        shape: &Shape,
+        matches: &[Match],
+    ) -> Option<Plain> {
+        let (matches, scale) = self.shifts(shape, matches)?;
+        let pool = self.pool(template, shape, &matches);
         let again = pool.template(template);
         let blurred = Blurred::fit(&pool, &again, scale);
-        let template = blurred.map_or_else(|| again.clone(), |edge| edge.template(&again));
+        let template = match blurred {
+            Some(edge) => edge.template(&again),
+            None => again,
+        };
         let (matches, _) = self.shifts(&Shape::of(&template), &matches)?;
         Some(Plain { template, matches, blurred })
     }
@@ -90,10 +96,8 @@ impl Sectors<'_> {
         let own = sums.iter().map(|s| explained(&s.rest, &s.right)).sum::<Option<f64>>()?;
         let squares = sums.iter().map(|s| s.squares).sum::<f64>();
         let scale = (squares - own) / (bins as f64 - PARAMETERS as f64 * count).max(1.0);
-        let likely =
-            |explained: f64, dof: f64| explained < scale * (dof + CHANCE * (2.0 * dof).sqrt());
         let (slow, columns) = self.slow(&sums)?;
-        if !likely(own, OTHERS.len() as f64 * count) || !likely(slow, columns) {
+        if !by_chance(own, OTHERS.len() as f64 * count, scale) || !by_chance(slow, columns, scale) {
             return None;
         }
         for s in &sums {

@@ -305,8 +305,8 @@ fn finish(
     let form = residuals.iter().zip(&sectors.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
     let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
     let seen_px = (about.radius + fit.beta[2]) / pixel_mm;
-    let blur_mm = blur_px(points.located.step.softness_px, seen_px) * pixel_mm;
     let step = points.located.step;
+    let blur_mm = blur_px(step.softness_px, seen_px) * pixel_mm;
     let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
@@ -326,9 +326,9 @@ fn finish(
         form_rms_mm: form.sqrt(),
         edge_points: used,
         arc_coverage: points.span * used as f64 / points.usable.len() as f64,
-        contrast: points.located.step.contrast(),
+        contrast: step.contrast(),
         noise: points.located.noise,
-        softness_px: points.located.step.softness_px,
+        softness_px: step.softness_px,
         blur_mm,
         clipped_inside: points.clipped_inside,
         wander: fit.wander,
