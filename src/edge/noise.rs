@@ -7,9 +7,9 @@
 //! errors independent in one pass along a profile.
 
 use crate::edge::Template;
-use crate::edge::levels::median;
 use crate::edge::sector::{Bin, Match, PARAMETERS, Products, Row};
 use crate::edge::shape::Shape;
+use crate::fit::robust::scatter;
 
 /// Shares of the correlated part tried.
 const SHARES: [f64; 6] = [0.3, 0.5, 0.7, 0.85, 0.93, 0.98];
@@ -77,7 +77,7 @@ impl Noise {
         alive: &[f64],
     ) {
         let n = self.shape2.len();
-        let mut sizes: Vec<Vec<f64>> = vec![Vec::new(); n];
+        let mut sizes: Vec<Vec<f64>> = (0..n).map(|_| Vec::with_capacity(sectors.len())).collect();
         let mut counts = vec![0.0; n];
         for (s, bins) in sectors.iter().enumerate().filter(|(s, _)| alive[*s] > 0.0) {
             for b in bins {
@@ -88,11 +88,8 @@ impl Noise {
         }
         // Residual variance per node, and the variance of one pixel that would explain it.
         let spread: Vec<f64> = sizes
-            .iter()
-            .map(|list| {
-                let ones = vec![1.0; list.len()];
-                (1.4826 * median(list, &ones)).powi(2)
-            })
+            .iter_mut()
+            .map(|list| if list.is_empty() { 0.0 } else { scatter(list).powi(2) })
             .collect();
         let mut pixel: Vec<f64> = (0..n)
             .filter(|&i| sizes[i].len() >= 12)
@@ -232,6 +229,9 @@ impl Whitening {
     /// The row's part that the earlier ones do not foretell. `mean` is what they do: zero before the first row.
     #[inline]
     pub(super) fn apply(&self, mut row: Row, mean: &mut Row) -> Row {
+        if self.fade == 0.0 && self.gain == 0.0 {
+            return row.map(|v| v * self.weight * self.size);
+        }
         for (value, mean) in row.iter_mut().zip(mean) {
             let foretold = self.fade * *mean;
             let surprise = self.weight * *value - foretold;

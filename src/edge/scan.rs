@@ -144,6 +144,10 @@ fn scan_pixels<T: Pixel>(
     let outer = contour.max_radius_px() + band.outside_px;
     let inner = (contour.min_radius_px() - band.inside_px).max(0.0);
     let sector_scale = band.sectors as f64 / contour.span_rad;
+    let sector_at = |angle: f64| {
+        let inside = angle < contour.span_rad;
+        inside.then(|| ((angle * sector_scale) as usize).min(band.sectors - 1))
+    };
     let bin_scale = 1.0 / band.bin_px;
     let (width, height) = (image.width / factor, image.height / factor);
     let (mut columns, mut pixels) = (Vec::new(), Vec::new());
@@ -173,26 +177,30 @@ fn scan_pixels<T: Pixel>(
                 let share = 1.0 / part.len() as f64;
                 let turn = share * wrap(next.angle - here.angle);
                 let grow = share * (next.radius - here.radius);
-                for (i, &pixel) in part.iter().enumerate() {
-                    let i = i as f64;
-                    let radius = here.radius + i * grow;
-                    let distance = ((dx * dx + dy * dy).sqrt() - radius) * here.cos;
-                    dx += k;
+                // Of all at once, in the band or not: the processor takes several roots at a time.
+                let mut distances = [0.0; MOST_EVEN];
+                for (i, distance) in distances.iter_mut().enumerate() {
+                    let (i, x) = (i as f64, dx + k * i as f64);
+                    *distance = ((x * x + dy * dy).sqrt() - here.radius - i * grow) * here.cos;
+                }
+                // Most parts lie in one sector.
+                let end = here.angle + (part.len() - 1) as f64 * turn;
+                let first = sector_at(here.angle);
+                let one = end >= 0.0 && first == sector_at(end);
+                for (i, (&pixel, &distance)) in part.iter().zip(&distances).enumerate() {
                     let bin = (distance + band.inside_px) * bin_scale;
                     if bin < 0.0 || bin >= bins as f64 {
                         continue;
                     }
-                    let angle = positive(here.angle + i * turn);
-                    if angle >= contour.span_rad {
-                        continue;
-                    }
-                    let sector = ((angle * sector_scale) as usize).min(band.sectors - 1);
+                    let own = || sector_at(positive(here.angle + i as f64 * turn));
+                    let Some(sector) = (if one { first } else { own() }) else { continue };
                     let cell = &mut cells[sector * bins + bin as usize];
                     cell.count += 1.0;
                     cell.value += pixel;
                     cell.distance_px += distance as f32;
                     top = top.max(pixel);
                 }
+                dx += k * part.len() as f64;
                 here = next;
             }
         }
@@ -215,7 +223,7 @@ fn scan_pixels<T: Pixel>(
 }
 
 /// Pixels over which the angle changes evenly, at most, and how many times farther away the centre must be.
-const MOST_EVEN: usize = 8;
+const MOST_EVEN: usize = 16;
 const EVEN: f64 = 24.0;
 
 /// What falls into one bin of one sector.

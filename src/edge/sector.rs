@@ -61,9 +61,9 @@ impl Products {
     /// Takes in one row.
     #[inline]
     pub(super) fn add(&mut self, row: &Row) {
-        // Whole rows, though the matrix is symmetric: the processor does several products at once.
-        for (sums, a) in self.0.iter_mut().zip(row) {
-            for (sum, b) in sums.iter_mut().zip(row) {
+        // The matrix is symmetric; its half by pairs, as the processor does two products at once.
+        for (i, (sums, a)) in self.0.iter_mut().zip(row).enumerate() {
+            for (sum, b) in sums.iter_mut().zip(row).skip(i & !1) {
                 *sum += a * b;
             }
         }
@@ -118,15 +118,13 @@ pub(super) struct Bin {
 }
 
 pub(super) fn bins_of(profiles: &Profiles, sector: usize) -> Vec<Bin> {
-    profiles
-        .range(sector)
-        .filter(|&i| profiles.count[i] > 0.0)
-        .map(|i| Bin {
-            distance: f64::from(profiles.distance_px[i]),
-            value: f64::from(profiles.value[i]),
-            count: f64::from(profiles.count[i]),
-        })
-        .collect()
+    let mut bins = Vec::with_capacity(profiles.bins);
+    bins.extend(profiles.range(sector).filter(|&i| profiles.count[i] > 0.0).map(|i| Bin {
+        distance: f64::from(profiles.distance_px[i]),
+        value: f64::from(profiles.value[i]),
+        count: f64::from(profiles.count[i]),
+    }));
+    bins
 }
 
 /// The shift with the best correlation, over the whole band: the start for a sector that has none.

@@ -12,6 +12,7 @@ mod votes;
 pub use look::Look;
 pub(crate) use look::blur;
 pub use standing::{Sides, stands_out};
+pub(crate) use votes::vote;
 
 use nalgebra::Vector2;
 

@@ -162,6 +162,8 @@ fn refine(
     sense: f64,
     options: Options,
 ) -> Option<Candidate> {
+    /// A circle that shows so little of the coverage it needs, as a part, will not come to it.
+    const HOPELESS: f64 = 0.6;
     let (blur, image) = (&look.scales[scale].0, &look.scales[scale].1);
     let k = look.factor as f64;
     let mut guess = rough;
@@ -173,7 +175,7 @@ fn refine(
     // Blurred pictures hold no finer detail; slopes are taken over two pixels or the least there is.
     let step = (0.4 * blur).clamp(0.5, 1.5);
     let reach = (1.0 / step).round().max(1.0) as usize;
-    for _ in 0..6 {
+    for round in 0..6 {
         points.clear();
         slopes.clear();
         let mut visible = 0.0;
@@ -237,13 +239,17 @@ fn refine(
             .zip(&weights)
             .filter(|(p, w)| **w > 0.0 && guess.distance(**p).abs() < close.min(2.5 + blur))
             .count() as f64;
-        result = Some((hits / rays as f64, strong, fitted.scale));
+        let coverage = hits / rays as f64;
+        if round > 0 && coverage < HOPELESS * options.least_coverage {
+            return None;
+        }
+        result = Some((coverage, fitted.scale));
         window = (window * 0.7).max(3.0 + blur);
         if moved < 0.05 {
             break;
         }
     }
-    let (coverage, _, scale_px) = result?;
+    let (coverage, scale_px) = result?;
     let radius_px = guess.radius * k;
     if coverage < options.least_coverage
         || radius_px < options.least_radius_px

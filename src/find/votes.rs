@@ -47,20 +47,8 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
                 let x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
                 let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
                 // A line's votes spread with distance: what meets at a far centre counts as much as near.
-                let steps = within(x, sx, aw as f32).min(within(y, sy, ah as f32));
-                let steps = steps.min(((far - near) as f32 / cell) as usize + 1);
-                // In whole numbers of a part of a cell: a line's cells are found by adding.
-                let (mut u, mut v) = (fixed(f64::from(x)), fixed(f64::from(y)));
-                let (along_u, along_v) = (fixed(f64::from(sx)), fixed(f64::from(sy)));
-                for _ in 0..steps {
-                    let at = (v >> FRACTION) * aw as i32 + (u >> FRACTION);
-                    // Rounding may lead a line's end over the border.
-                    if let Some(cell) = votes.data.get_mut(at as usize) {
-                        *cell += weight;
-                    }
-                    u += along_u;
-                    v += along_v;
-                }
+                let steps = ((far - near) as f32 / cell) as usize + 1;
+                vote(&mut votes, Vector2::new(x, y), Vector2::new(sx, sy), steps, weight);
             }
         }
         // Lines meet less sharply for soft edges.
@@ -115,6 +103,30 @@ fn above_surroundings(votes: &Gray<f32>, sd: f64) -> Gray<f32> {
         }
     }
     Gray { width: w, height: h, data }
+}
+
+/// Adds `weight` to the cells that a line comes through, at most `steps` of them, while it is inside; places in cells.
+pub(crate) fn vote(
+    votes: &mut Gray<f32>,
+    start: Vector2<f32>,
+    along: Vector2<f32>,
+    steps: usize,
+    weight: f32,
+) {
+    let (width, height) = (votes.width as f32, votes.height as f32);
+    let inside = within(start.x, along.x, width).min(within(start.y, along.y, height));
+    // In whole numbers of a part of a cell: a line's cells are found by adding.
+    let whole = |place: Vector2<f32>| (fixed(f64::from(place.x)), fixed(f64::from(place.y)));
+    let ((mut u, mut v), (along_u, along_v)) = (whole(start), whole(along));
+    for _ in 0..steps.min(inside) {
+        let at = (v >> FRACTION) * votes.width as i32 + (u >> FRACTION);
+        // Rounding may lead a line's end over the border.
+        if let Some(cell) = votes.data.get_mut(at as usize) {
+            *cell += weight;
+        }
+        u += along_u;
+        v += along_v;
+    }
 }
 
 /// Steps of a line from `start`, each by `step`, that stay in 0..`size`.

@@ -73,54 +73,64 @@ pub fn taubin(points: &[Vector2<f64>], weights: &[f64]) -> Option<Circle> {
 /// Minimises the weighted sum of squared distances by Levenberg-Marquardt from `start`.
 /// `None` where the points do not determine a circle.
 pub fn geometric(points: &[Vector2<f64>], weights: &[f64], start: Circle) -> Option<Circle> {
-    geometric_to(points, weights, start, 1e-11 * (start.radius.abs() + start.center.norm()))
+    let least_step = 1e-11 * (start.radius.abs() + start.center.norm());
+    descend(points, weights, start, least_step, 60)
 }
 
-/// The same, until a step is no longer than `least_step`.
-fn geometric_to(
+/// The weighted sum of squared distances of points from a circle, its gradient and Gauss' approximation to its curvature.
+struct Squares {
+    sum: f64,
+    gradient: Vector3<f64>,
+    normal: Matrix3<f64>,
+}
+
+impl Squares {
+    fn of(points: &[Vector2<f64>], weights: &[f64], circle: &Circle) -> Self {
+        let (mut sum, mut g) = (0.0, [0.0; 3]);
+        let (mut xx, mut xy, mut yy, mut x, mut y, mut total) = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        for (p, &w) in points.iter().zip(weights) {
+            let q = p - circle.center;
+            let distance = q.norm();
+            let off = w * (distance - circle.radius);
+            sum += off * (distance - circle.radius);
+            let (u, v) = if distance > 0.0 { (q.x / distance, q.y / distance) } else { (0.0, 0.0) };
+            g = [g[0] - u * off, g[1] - v * off, g[2] - off];
+            (xx, xy, yy) = (xx + w * u * u, xy + w * u * v, yy + w * v * v);
+            (x, y, total) = (x + w * u, y + w * v, total + w);
+        }
+        Self { sum, gradient: g.into(), normal: Matrix3::new(xx, xy, x, xy, yy, y, x, y, total) }
+    }
+}
+
+/// At most so many steps down, until one is no longer than `least_step`.
+fn descend(
     points: &[Vector2<f64>],
     weights: &[f64],
     start: Circle,
     least_step: f64,
+    most_steps: usize,
 ) -> Option<Circle> {
-    let mut circle = start;
-    let mut damping = 1e-9;
-    let cost = |c: &Circle| -> f64 {
-        points.iter().zip(weights).map(|(p, w)| w * c.distance(*p).powi(2)).sum()
-    };
-    let mut current = cost(&circle);
-    for _ in 0..60 {
-        let mut normal = Matrix3::<f64>::zeros();
-        let mut gradient = Vector3::zeros();
-        for (p, w) in points.iter().zip(weights) {
-            let q = p - circle.center;
-            let distance = q.norm();
-            if distance == 0.0 {
-                continue;
-            }
-            let row = Vector3::new(-q.x / distance, -q.y / distance, -1.0);
-            normal += row * row.transpose() * *w;
-            gradient += row * (*w * (distance - circle.radius));
-        }
+    let (mut circle, mut damping) = (start, 1e-9);
+    let mut here = Squares::of(points, weights, &circle);
+    for _ in 0..most_steps {
         let mut moved = None;
         while damping < 1e9 {
-            let damped = normal + Matrix3::from_diagonal(&(normal.diagonal() * damping));
-            let step = -(damped.try_inverse()? * gradient);
+            let damped = here.normal + Matrix3::from_diagonal(&(here.normal.diagonal() * damping));
+            let step = -(damped.try_inverse()? * here.gradient);
             let trial = Circle {
                 center: circle.center + Vector2::new(step.x, step.y),
                 radius: circle.radius + step.z,
             };
-            let value = cost(&trial);
-            if value.is_finite() && value <= current {
-                moved = Some((trial, value, step.norm()));
+            let there = Squares::of(points, weights, &trial);
+            if there.sum.is_finite() && there.sum <= here.sum {
+                moved = Some((trial, there, step.norm()));
                 damping = (damping * 0.1).max(1e-12);
                 break;
             }
             damping *= 10.0;
         }
-        let Some((trial, value, step)) = moved else { break };
-        circle = trial;
-        current = value;
+        let Some((trial, there, step)) = moved else { break };
+        (circle, here) = (trial, there);
         if step <= least_step {
             break;
         }
@@ -147,6 +157,8 @@ pub fn robust(
     start: Option<Circle>,
     least_scale: f64,
 ) -> Option<Robust> {
+    /// Steps to the circle between two looks at the weights: a short arc's may be long, and the weights will change.
+    const STEPS: usize = 4;
     let mut circle = match start {
         Some(circle) => circle,
         None => taubin(points, weights)?,
@@ -161,7 +173,7 @@ pub fn robust(
             return result;
         }
         // Weights and circle settle together.
-        let next = geometric_to(points, &new, circle, 0.1 * scale)?;
+        let next = descend(points, &new, circle, 0.1 * scale, STEPS)?;
         let moved = (next.center - circle.center).norm() + (next.radius - circle.radius).abs();
         circle = next;
         result = Some(Robust { circle, weights: new, scale });

@@ -29,23 +29,15 @@ impl Sample for f32 {
 /// A camera's pixel, which can be joined with others.
 pub trait Pixel: Sample {
     /// Holds the sum of [`MOST_JOINED`] pixels; the narrower, the more of them are added at once.
-    type Sum: Copy + Default + AddAssign + From<Self>;
-    /// A sum as a number.
-    fn total(sum: Self::Sum) -> f32;
+    type Sum: Copy + Default + AddAssign + From<Self> + Into<u32>;
 }
 
 impl Pixel for u8 {
     type Sum = u16;
-    fn total(sum: u16) -> f32 {
-        f32::from(sum)
-    }
 }
 
 impl Pixel for u16 {
     type Sum = u32;
-    fn total(sum: u32) -> f32 {
-        sum as f32
-    }
 }
 
 /// Most pixels that are joined each way.
@@ -105,7 +97,7 @@ impl<T: Pixel> Gray<T> {
             }
         }
         let scale = 1.0 / (factor * factor) as f32;
-        let mean = |block: &[T::Sum]| scale * block.iter().map(|s| T::total(*s)).sum::<f32>();
+        let mean = |block: &[T::Sum]| scale * block.iter().map(|&s| s.into()).sum::<u32>() as f32;
         means.extend(columns.chunks_exact(factor).map(mean));
     }
 }

@@ -3,14 +3,16 @@
 use nalgebra::Vector2;
 
 use crate::camera::View;
-use crate::find::Look;
+use crate::find::{self, Look};
 use crate::fit::Circle;
-use crate::frame::Frame;
+use crate::frame::{Frame, Gray};
 
 /// Share of a capture's gradients that vote.
 const STRONGEST: f64 = 0.05;
 /// Most voters of a capture at each scale: fewer lose the rim beside the chamfer now and then.
 const VOTERS: usize = 4000;
+/// Most voters of all captures for the centre, before it is known better.
+const CENTER_VOTERS: usize = 16000;
 /// Scales at which they are looked for: no rim is softer.
 const SCALES: usize = 2;
 /// Cells along the longer side of the voting grid.
@@ -132,7 +134,8 @@ fn sharpest(voters: &[Voter], captures: usize, start: Vector2<f64>, width: f64) 
         counts.clear();
         for (r, v) in radii.iter().zip(voters) {
             let x = (r - first) / width;
-            let (i, f) = (x as usize, x.fract());
+            let i = x as usize;
+            let f = x - i as f64;
             if counts.len() < i + 2 {
                 counts.resize(i + 2, 0.0);
             }
@@ -176,24 +179,16 @@ fn center(voters: &[Voter], captures: usize, (near, far): (f64, f64)) -> Option<
     let (w, h) = (((hi.x - lo.x) / cell) as usize + 1, ((hi.y - lo.y) / cell) as usize + 1);
     let mut each = vec![0.0f32; captures];
     voters.iter().for_each(|v| each[v.capture] += 1.0);
-    let mut grid = vec![0.0f32; w * h];
-    for v in voters {
-        let weight = 1.0 / each[v.capture];
+    let mut votes = Gray { width: w, height: h, data: vec![0.0f32; w * h] };
+    let steps = ((far - near) / cell) as usize;
+    for v in voters.iter().step_by(voters.len().div_ceil(CENTER_VOTERS)) {
         for sign in [1.0, -1.0] {
-            let step = v.along * sign * cell;
             let start = (v.place_mm + v.along * sign * near - lo) / cell;
-            let mut at = start;
-            for _ in 0..((far - near) / cell) as usize {
-                if at.x < 0.0 || at.y < 0.0 || at.x >= w as f64 || at.y >= h as f64 {
-                    break;
-                }
-                grid[at.y as usize * w + at.x as usize] += weight;
-                at += step / cell;
-            }
+            let (start, along) = (start.cast(), (sign * v.along).cast());
+            find::vote(&mut votes, start, along, steps, 1.0 / each[v.capture]);
         }
     }
-    let image = crate::frame::Gray { width: w, height: h, data: grid };
-    let smooth = crate::find::blur(&image, 2.0);
+    let smooth = find::blur(&votes, 2.0);
     let at = (0..smooth.data.len()).max_by(|&a, &b| smooth.data[a].total_cmp(&smooth.data[b]))?;
     Some(lo + Vector2::new((at % w) as f64 + 0.5, (at / w) as f64 + 0.5) * cell)
 }
