@@ -101,7 +101,6 @@ impl Blurred {
             inner,
             outer,
             softness_px: sigma_px,
-            fades: 0.0,
         }
     }
 }
