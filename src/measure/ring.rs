@@ -164,7 +164,7 @@ const SMALL_NOISE: f64 = 0.01;
 const LONG_PX: f64 = 200.0;
 /// Where the band must lie, and how wide it must be.
 pub(super) const GLANCE: Effort =
-    Effort { sectors: GROUPS, joined: 1.0 / 2.0, rounds: 2, bins: 2.0 };
+    Effort { sectors: GROUPS, joined: 1.0 / 2.0, rounds: 2, bins: 4.0 };
 
 /// Number of sectors for a contour of this length: some pixels each, and enough for wander and gaps.
 fn sectors_for(length_px: f64, softness_px: f64, most: usize) -> usize {
