@@ -179,7 +179,7 @@ fn scan_pixels<T: Pixel>(
                 let grow = share * (next.radius - here.radius);
                 // Of all at once, in the band or not: the processor takes several roots at a time.
                 let mut distances = [0.0; MOST_EVEN];
-                for (i, distance) in distances.iter_mut().enumerate() {
+                for (i, distance) in distances[..part.len()].iter_mut().enumerate() {
                     let (i, x) = (i as f64, dx + k * i as f64);
                     *distance = ((x * x + dy * dy).sqrt() - here.radius - i * grow) * here.cos;
                 }

@@ -91,10 +91,11 @@ impl Squares {
         for (p, &w) in points.iter().zip(weights) {
             let q = p - circle.center;
             let distance = q.norm();
-            let off = w * (distance - circle.radius);
-            sum += off * (distance - circle.radius);
+            let off = distance - circle.radius;
+            let pull = w * off;
+            sum += pull * off;
             let (u, v) = if distance > 0.0 { (q.x / distance, q.y / distance) } else { (0.0, 0.0) };
-            g = [g[0] - u * off, g[1] - v * off, g[2] - off];
+            g = [g[0] - u * pull, g[1] - v * pull, g[2] - pull];
             (xx, xy, yy) = (xx + w * u * u, xy + w * u * v, yy + w * v * v);
             (x, y, total) = (x + w * u, y + w * v, total + w);
         }
