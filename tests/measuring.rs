@@ -48,6 +48,29 @@ fn burns_are_measured_to_their_uncertainty() {
 }
 
 #[test]
+fn burns_at_one_setting_are_judged_by_their_mean() {
+    // The two pictures are of different settings: the mean says so.
+    let pictures = [1, 2].map(|n| image(&format!("burn-typical/burn-000{n}.png")));
+    let calib = image("burn-typical/calib.toml");
+    let [a, b] = &pictures;
+    let mean = ["--calib", &calib, "--mean", "--format", "json"];
+    let (code, twice, error) = run(&[&["burn", a, a][..], &mean].concat());
+    assert!(code <= 1, "{error}");
+    assert_eq!(number(&twice, "/mean/tests"), 2.0);
+    for axis in 0..2 {
+        let of = |path: &str| number(&twice, &format!("{path}/{axis}"));
+        let [once, both] = ["/results/0", "/mean"].map(|p| of(&format!("{p}/offset_mm")));
+        assert!((once - both).abs() < 1e-12);
+        let [once, both] = ["/results/0", "/mean"].map(|p| of(&format!("{p}/offset_u95_mm")));
+        assert!((once / both - 2f64.sqrt()).abs() < 1e-9, "{once} {both}");
+    }
+    let (_, result, error) = run(&[&["burn", a, b][..], &mean].concat());
+    assert!(number(&result, "/mean/p_agree") < 0.01 && error.contains("turned"), "{error}");
+    let (code, _, error) = run(&[&["burn", a][..], &mean].concat());
+    assert!(code == 2 && error.contains("--mean"), "{error}");
+}
+
+#[test]
 fn a_burn_partly_out_of_the_picture_is_measured_like_the_whole() {
     let folder = tempfile::tempdir().unwrap();
     let whole = ::image::open(image("burn-typical/burn-0001.png")).unwrap();

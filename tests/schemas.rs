@@ -83,6 +83,12 @@ fn every_output_keeps_its_schema() {
     check(&several, &["/results/0/offset_mm", "/results/1/error"]);
     check(
         &format!(
+            "burn {burns}/burn-0001.png {burns}/burn-0002.png --calib {burns}/calib.toml --mean"
+        ),
+        &["/mean/tests", "/mean/offset_mm/1", "/mean/verdict", "/mean/p_agree"],
+    );
+    check(
+        &format!(
             "circles {burns}/burn-0001.png --calib {burns}/calib.toml --expect-mm 5.75 --expect-mm 0.81"
         ),
         &[

@@ -40,7 +40,7 @@ fn tables() -> Result<()> {
     row("`burn`", copy_ms, &burns, |b, picture| {
         let options = burn::Options::default();
         let report = burn::measure(picture, &b.calibration, &options, "bench").ok()?.report;
-        Some((nalgebra::Vector2::from(report.offset_mm) - b.offset_mm).norm())
+        Some((nalgebra::Vector2::from(report.offset.offset_mm) - b.offset_mm).norm())
     })?;
     row("`circles`, two", copy_ms, &burns, |b, picture| {
         let options = circles::Options {

@@ -66,7 +66,7 @@ fn one_burn(scene: &BurnScene, seed: u64) -> Answers<1> {
     let picture = Picture::decode("rendered", &made.picture.png()?)?;
     let options = burn::Options::default();
     let report = burn::measure(&picture, &made.camera.calibration, &options, "rendered")?.report;
-    Ok([pair(report.offset_mm, made.truth.offset_mm, report.offset_u95_mm)])
+    Ok([pair(report.offset.offset_mm, made.truth.offset_mm, report.offset.offset_u95_mm)])
 }
 
 fn two_circles(scene: &BurnScene, seed: u64) -> Answers<3> {

@@ -84,8 +84,8 @@ fn answer(plate: &Plate) -> Answer {
         (Err(e), _) => Answer::Refused(e.to_string()),
         (Ok(_), None) => Answer::Number { ratio: f64::INFINITY, error_mm: f64::INFINITY },
         (Ok(m), Some(truth)) => {
-            let error = Vector2::from(m.report.offset_mm) - truth;
-            let ratio = |k: usize| error[k].abs() / m.report.offset_u95_mm[k];
+            let error = Vector2::from(m.report.offset.offset_mm) - truth;
+            let ratio = |k: usize| error[k].abs() / m.report.offset.offset_u95_mm[k];
             Answer::Number { ratio: ratio(0).max(ratio(1)), error_mm: error.norm() }
         }
     }

@@ -3,8 +3,10 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use serde_json::json;
+
 use super::pictures::{self, Shown};
-use super::{Global, Outcome};
+use super::{Global, Outcome, Status};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
@@ -12,6 +14,8 @@ use crate::frame::{Channel, Picture};
 use crate::measure::CircleReport;
 use crate::measure::burn::{self, Options, Report, ToleranceKind};
 use crate::measure::cross;
+use crate::measure::offset::{self, Offset};
+use crate::output::Format;
 use crate::uncertainty::{Verdict, text};
 
 /// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
@@ -50,6 +54,9 @@ pub struct Args {
         allow_hyphen_values = true
     )]
     near_mm: Vec<f64>,
+    /// The pictures are of tests burnt at one setting, each on a fresh place: judge their mean
+    #[arg(long)]
+    mean: bool,
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
@@ -81,9 +88,23 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         near_mm,
     };
     burn::check(&options)?;
+    if args.mean && args.images.len() < 2 {
+        return Err(Error::option(
+            "--mean",
+            "is of several pictures, and there is one",
+            "give the pictures of all tests burnt at this setting",
+        ));
+    }
+    if args.mean && !matches!(global.format, Format::Table | Format::Json) {
+        return Err(Error::option(
+            "--mean",
+            "has no place among rows of one picture each",
+            "use --format table or json",
+        ));
+    }
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
-    pictures::run("burn", &args.images, &identity, overlay, global, |image| {
+    let mut outcome = pictures::run("burn", &args.images, &identity, overlay, global, |image| {
         let subject = image.display().to_string();
         let picture = Picture::read(image)?;
         let measured = burn::measure(&picture, &calibration, &options, &subject)?;
@@ -96,7 +117,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             keys: pictures::keys(report, &subject)?,
             table: format!("{subject}\n{}", table(report)),
             warnings: report.warnings.clone(),
-            good: report.verdict == Verdict::Pass,
+            good: report.offset.verdict == Verdict::Pass,
             overlay,
         };
         if args.cross_check {
@@ -105,7 +126,38 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
         }
         Ok(shown)
-    })
+    })?;
+    if args.mean {
+        add_mean(&mut outcome, &options, global);
+    }
+    Ok(outcome)
+}
+
+/// Adds the mean of the tests that were measured; its verdict is the command's.
+fn add_mean(outcome: &mut Outcome, options: &Options, global: &Global) {
+    let Some(document) = &mut outcome.document else { return };
+    let tests: Vec<Offset> =
+        document.rows.iter().filter_map(|row| serde_json::from_value(row.clone()).ok()).collect();
+    let mean = match offset::mean(&tests.iter().collect::<Vec<_>>(), options) {
+        Ok(mean) => mean,
+        // What was measured is shown all the same.
+        Err(e) => {
+            global.say(format!("pivotsight: {e}"));
+            return;
+        }
+    };
+    if let Some(warning) = mean.warning() {
+        global.say(format!("warning: {warning}"));
+        if let Some(warnings) = document.json["warnings"].as_array_mut() {
+            warnings.push(warning.into());
+        }
+    }
+    let _ = writeln!(document.table, "mean of {} tests", mean.tests);
+    document.table.push_str(&lines(&mean.offset));
+    document.json["mean"] = json!(mean);
+    if outcome.status != Status::SomeFailed {
+        outcome.status = pictures::status(mean.offset.verdict == Verdict::Pass);
+    }
 }
 
 /// The circles by name.
@@ -114,11 +166,14 @@ fn named(r: &Report) -> [(String, &CircleReport); 2] {
 }
 
 fn table(r: &Report) -> String {
+    let [ring, spot] = [&r.ring, &r.spot].map(circle);
+    format!("  {:<11}{ring}\n  {:<11}{spot}\n{}", "ring", "spot", lines(&r.offset))
+}
+
+/// How far the spot lies from the ring, and what to turn.
+fn lines(r: &Offset) -> String {
     let mut t = String::new();
     // Writing to a String cannot fail.
-    for (name, c) in [("ring", &r.ring), ("spot", &r.spot)] {
-        let _ = writeln!(t, "  {name:<11}{}", circle(c));
-    }
     let _ = writeln!(
         t,
         "  {:<11}dx {} mm   dy {} mm   (spot - ring)",

@@ -7,6 +7,7 @@ use super::{Global, Outcome, Status, result};
 use crate::demo::{self, HiddenReport, Report};
 use crate::error::Result;
 use crate::output::Document;
+use crate::uncertainty::Verdict;
 
 /// The whole method on a virtual machine: burn, measure, correct, solve
 #[derive(Debug, clap::Args)]
@@ -90,9 +91,13 @@ fn story(report: &Report, args: &Args) -> String {
         let [x, y] = test.offset_mm;
         let [ux, uy] = test.offset_u95_mm;
         let [tx, ty] = test.true_offset_mm;
+        let mean = match test.mean_of {
+            1 => String::new(),
+            n => format!(", mean of the last {n}"),
+        };
         let _ = writeln!(
             s,
-            "Burn test {}: truly B leans {b:+.4}° and the flange {a:+.4}°\n  \
+            "Burn test {}{mean}: truly B leans {b:+.4}° and the flange {a:+.4}°\n  \
              offset   x {:+7.1} ± {:.1} µm (true {:+.1}), y {:+7.1} ± {:.1} µm (true {:+.1})\n  \
              distance {:7.1} ± {:.1} µm, limit 10 µm: {}",
             i + 1,
@@ -108,6 +113,8 @@ fn story(report: &Report, args: &Args) -> String {
         );
         if let Some([b, shim]) = test.correction_deg {
             let _ = writeln!(s, "  turn B by {b:+.4}° and the flange by {shim:+.4}°");
+        } else if test.verdict != Verdict::Pass {
+            let _ = writeln!(s, "  within its uncertainty: burn again as it stands");
         }
     }
     let _ = writeln!(s, "\nRod photographed at three C angles, touched at B = ±90°, solved (mm):");

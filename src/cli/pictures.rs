@@ -10,6 +10,7 @@ use super::{Global, Outcome, Status, envelope};
 use crate::camera::Identity;
 use crate::error::{Error, Result};
 use crate::measure::cross::Opinion;
+use crate::measure::offset::Mean;
 use crate::output::{Document, create_folder, write_whole};
 
 /// What is printed of one picture, or of several.
@@ -19,7 +20,13 @@ use crate::output::{Document, create_folder, write_whole};
 pub enum Pictures<R> {
     One(Picture<R>),
     Failed(Failed),
-    Several { calibration: Identity, results: Vec<Entry<R>> },
+    Several {
+        calibration: Identity,
+        results: Vec<Entry<R>>,
+        /// With `burn --mean`.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        mean: Option<Mean>,
+    },
 }
 
 /// One of several.
@@ -117,7 +124,8 @@ pub fn run(
     Ok(several(command, images, calibration, &results, global))
 }
 
-fn status(good: bool) -> Status {
+/// What the command ends with where every picture was measured.
+pub fn status(good: bool) -> Status {
     if good { Status::Good } else { Status::OutOfTolerance }
 }
 

@@ -11,7 +11,7 @@ use serde::Serialize;
 use crate::draw;
 use crate::error::Result;
 use crate::frame::{Channel, Picture};
-use crate::measure::{burn, rod};
+use crate::measure::{burn, offset, rod};
 use crate::output::{create_folder, write_whole};
 use crate::rtcp::solve::{Readings, Solved, solve};
 use crate::uncertainty::{K95, Measured, Verdict};
@@ -36,11 +36,13 @@ pub struct Options {
     pub folder: PathBuf,
 }
 
-/// One burn test.
+/// One burn test, and what is known after it.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct BurnTest {
     /// The picture.
     pub image: String,
+    /// How many tests, this one and those just before it at the same setting, what follows is the mean of.
+    pub mean_of: usize,
     /// B error and flange tilt as they truly were.
     pub true_tilt_deg: [f64; 2],
     /// Spot minus ring, truly.
@@ -128,6 +130,8 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
         ..burn::Options::default()
     };
     let mut tests = Vec::new();
+    // Tests since the last turn.
+    let mut same = Vec::new();
     for number in 1..=MOST_BURNS {
         let rendered = machine.burn_test(number)?;
         let image = format!("burn-{number}.png");
@@ -137,24 +141,34 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
         let measured = burn::measure(&Picture::read(&path)?, calibration, &wish, &image)?;
         let overlay = draw::burn(&Picture::read(&path)?, calibration, &measured, &image)?;
         write_whole(options.folder.join(format!("burn-{number}.overlay.png")), &overlay)?;
-        let found = &measured.report;
-        let passed = found.verdict == Verdict::Pass;
-        let turn = [found.correction.b_deg, found.correction.shim_deg];
+        same.push(measured.report.offset);
+        let known = match &same[..] {
+            [one] => one.clone(),
+            several => offset::mean(&several.iter().collect::<Vec<_>>(), &wish)?.offset,
+        };
+        let passed = known.verdict == Verdict::Pass;
+        // What lies within its uncertainty is burnt again, not turned.
+        let turns = !passed && known.correction.is_significant();
+        let turn = turns.then_some([known.correction.b_deg, known.correction.shim_deg]);
         tests.push(BurnTest {
             image,
+            mean_of: same.len(),
             true_tilt_deg: [machine.beam.b_error_deg, machine.beam.flange_tilt_deg],
             true_offset_mm: rendered.truth.offset_mm,
-            offset_mm: found.offset_mm,
-            offset_u95_mm: found.offset_u95_mm,
-            distance_mm: found.distance_mm,
-            distance_u95_mm: found.distance_u95_mm,
-            verdict: found.verdict,
-            correction_deg: (!passed).then_some(turn),
+            offset_mm: known.offset_mm,
+            offset_u95_mm: known.offset_u95_mm,
+            distance_mm: known.distance_mm,
+            distance_u95_mm: known.distance_u95_mm,
+            verdict: known.verdict,
+            correction_deg: turn,
         });
         if passed {
             break;
         }
-        machine.correct(turn[0], turn[1]);
+        if let Some([b_deg, shim_deg]) = turn {
+            machine.correct(b_deg, shim_deg);
+            same.clear();
+        }
     }
     Ok(tests)
 }

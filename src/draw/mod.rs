@@ -38,25 +38,26 @@ pub fn burn(
     let mut sheet = Sheet::new(&frame, &view);
     let factor = rings(&mut sheet, &[&measured.ring, &measured.spot]);
     sheet.scale_bar();
-    let (value, u95, kind) = match report.tolerance_kind {
-        ToleranceKind::Distance => (report.distance_mm, report.distance_u95_mm, "distance"),
-        ToleranceKind::Zone => (report.zone_mm, 2.0 * report.distance_u95_mm, "zone"),
+    let found = &report.offset;
+    let (value, u95, kind) = match found.tolerance_kind {
+        ToleranceKind::Distance => (found.distance_mm, found.distance_u95_mm, "distance"),
+        ToleranceKind::Zone => (found.zone_mm, 2.0 * found.distance_u95_mm, "zone"),
     };
-    let (word, colour) = match report.verdict {
+    let (word, colour) = match found.verdict {
         Verdict::Pass => ("PASS", USED),
         Verdict::Fail => ("FAIL", REJECTED),
         Verdict::Undecided => ("UNDECIDED", CIRCLES[1]),
     };
     let headline = Line(
-        format!("{word}  {kind} {} mm, limit {} mm", text(value, u95), report.tolerance_mm),
+        format!("{word}  {kind} {} mm, limit {} mm", text(value, u95), found.tolerance_mm),
         colour,
     );
-    let c = &report.correction;
+    let c = &found.correction;
     let lines = [
         Line::plain(format!(
             "offset spot - ring  dx {} mm  dy {} mm",
-            text(report.offset_mm[0], report.offset_u95_mm[0]),
-            text(report.offset_mm[1], report.offset_u95_mm[1])
+            text(found.offset_mm[0], found.offset_u95_mm[0]),
+            text(found.offset_mm[1], found.offset_u95_mm[1])
         )),
         Line::plain(format!(
             "turn B by {}°  shim by {}°",

@@ -116,20 +116,35 @@ impl Template {
             hi = hi.min(peak + reach);
         }
         let quartiles_px = [0.25, 0.5, 0.75].map(|part| crossing_px(lo, hi, part));
-        let (moved_px, perhaps_px) = self.tint_px(lo, hi, quartiles_px, softness_px);
+        let [inside, outside] = self.fades(lo, hi);
+        let beyond = |leans: f64| if leans > 0.0 { outside } else { inside };
+        let (moved_px, perhaps_px) = self.tint_px(beyond, quartiles_px, softness_px);
         let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
-        Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px }
+        let fades = inside.abs().max(outside.abs());
+        Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px, fades }
+    }
+
+    /// How the profile goes on beyond a rim that rises from node `lo` to `hi`, inside and outside of it, as parts of the rise.
+    fn fades(&self, lo: usize, hi: usize) -> [f64; 2] {
+        let v = &self.values;
+        let rise = v[hi] - v[lo];
+        if rise == 0.0 {
+            return [0.0; 2];
+        }
+        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
+        let (inner, outer) =
+            (&v[..(lo + 1).div_ceil(3)], &v[v.len() - (v.len() - hi).div_ceil(3)..]);
+        [(v[lo] - mean(inner)) / rise, (mean(outer) - v[hi]) / rise]
     }
 
     /// How far a tint that fades away on one side of the rim has moved the rim's middle level, and how far it may have besides,
-    /// where the rim rises from node `lo` to `hi` with these quartiles. The tint shows twice: the rim leans, its outer half
+    /// where the rim rises with these quartiles. The tint shows twice: the rim leans, its outer half
     /// reaching farther than its inner one or the other way round, and the profile goes on beyond the rim. One alone may be
     /// a mark's own form: a line's flank leans too.
     fn tint_px(
         &self,
-        lo: usize,
-        hi: usize,
+        beyond: impl Fn(f64) -> f64,
         [first, middle, last]: [f64; 3],
         softness_px: f64,
     ) -> (f64, f64) {
@@ -138,17 +153,7 @@ impl Template {
         /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, with so much more it is.
         const FADES: (f64, f64) = (0.03, 0.03);
         let leans = (first + last - 2.0 * middle) / (last - first).max(self.step_px);
-        let v = &self.values;
-        let mean = |part: &[f64]| part.iter().sum::<f64>() / part.len() as f64;
-        let third = if leans > 0.0 { (v.len() - hi).div_ceil(3) } else { (lo + 1).div_ceil(3) };
-        let beyond = if leans > 0.0 {
-            mean(&v[v.len() - third..]) - v[hi]
-        } else {
-            v[lo] - mean(&v[..third])
-        };
-        let rise = v[hi] - v[lo];
-        let fades = if rise == 0.0 { 0.0 } else { beyond / rise };
-        let share = ((fades - FADES.0) / FADES.1).clamp(0.0, 1.0);
+        let share = ((beyond(leans) - FADES.0) / FADES.1).clamp(0.0, 1.0);
         let moves_px = MOVES * leans * (1.0 - lens_share(softness_px)) * softness_px;
         (moves_px * share, moves_px * (1.0 - share))
     }
@@ -176,6 +181,8 @@ pub struct Step {
     pub outer: f64,
     /// Standard deviation of the Gaussian blur with the same peak slope.
     pub softness_px: f64,
+    /// How much the profile goes on beyond the rim, as a part of its step: what a tint leaves to be seen.
+    pub fades: f64,
 }
 
 impl Step {

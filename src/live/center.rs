@@ -371,6 +371,7 @@ fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
         circle,
         covariance: Matrix3::from_diagonal(&Vector3::new(x, y, 0.0)),
         dof: f64::INFINITY,
+        fitted_sd_mm: (x + y).sqrt(),
         center_px: view.to_pixel(circle.center),
         form_rms_mm: seen.report.form_rms_mm,
         edge_points: used,

@@ -1,9 +1,4 @@
 //! The burn test: is the 100 W spot concentric with the 500 W ring, and how far are B and the shims off?
-//!
-//! Signs (`docs/conventions.md`): the beam leaves the nozzle along `Ry(B)·(0, 0, -1)`, so a B that stands too far by β moves
-//! a mark burnt from height h by `-h tan β` in X; the spot, burnt from nearer, lies `+H tan β` from the ring (`H` the
-//! difference of the heights). The correction turns B by `-β`. In Y a head turned by α about X moves the marks
-//! by `+h tan α`: the offset is `-H tan α`, and the shims have to turn the head by `-α`.
 
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
@@ -12,9 +7,10 @@ use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
 use crate::measure::marks;
+use crate::measure::offset::Offset;
 use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel};
-use crate::uncertainty::{Contribution, K95, Verdict, budget, distance, k95};
+use crate::uncertainty::{Contribution, K95, budget, k95};
 
 /// How the limit is read.
 #[derive(
@@ -72,21 +68,6 @@ impl Default for Options {
     }
 }
 
-/// How to turn B and the head so that the next burn is concentric.
-#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
-pub struct Correction {
-    /// Turn B by this much (add it to the B zero's actual position).
-    pub b_deg: f64,
-    /// Half-width of its 95 % interval.
-    pub b_u95_deg: f64,
-    /// Turn the head about X by this much with shims under its flange.
-    pub shim_deg: f64,
-    /// Half-width of its 95 % interval.
-    pub shim_u95_deg: f64,
-    /// Thickness of shims over the flange's length; null where that length is not given.
-    pub shim_mm: Option<f64>,
-}
-
 /// The burn test's result.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
@@ -94,26 +75,9 @@ pub struct Report {
     pub ring: CircleReport,
     /// The spot.
     pub spot: CircleReport,
-    /// Spot minus ring.
-    pub offset_mm: [f64; 2],
-    /// Half-widths of its 95 % intervals.
-    pub offset_u95_mm: [f64; 2],
-    /// Its covariance.
-    pub offset_cov_mm2: [[f64; 2]; 2],
-    /// Distance between the centres.
-    pub distance_mm: f64,
-    /// Half-width of its 95 % interval.
-    pub distance_u95_mm: f64,
-    /// ISO 1101 concentricity zone: twice the distance.
-    pub zone_mm: f64,
-    /// The limit.
-    pub tolerance_mm: f64,
-    /// What the limit applies to.
-    pub tolerance_kind: ToleranceKind,
-    /// Whether it is kept.
-    pub verdict: Verdict,
-    /// What to turn.
-    pub correction: Correction,
+    /// Spot minus ring, and what it means.
+    #[serde(flatten)]
+    pub offset: Offset,
     /// What contributes how much to the uncertainty of the distance.
     pub budget: Vec<Contribution>,
     /// The part of a colour picture that was measured; `luminance` for a gray one.
@@ -148,7 +112,10 @@ pub fn measure(
             marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
         Ok(report(ring, spot, options, channel, warnings))
     };
-    let spread = |m: &Measured| m.report.offset_u95_mm[0].hypot(m.report.offset_u95_mm[1]);
+    let spread = |m: &Measured| {
+        let [x, y] = m.report.offset.offset_u95_mm;
+        x.hypot(y)
+    };
     let mut measured = best_channel(picture, options.channel, subject, attempt, spread)?;
     if picture.is_colour() {
         let word = measured.report.channel.word();
@@ -190,37 +157,17 @@ fn report(
     warnings: Vec<String>,
 ) -> Measured {
     let (ring, spot) = (ring.soft_by_itself(), spot.soft_by_itself());
-    let offset: Vector2<f64> = spot.circle.center - ring.circle.center;
+    let apart: Vector2<f64> = spot.circle.center - ring.circle.center;
     let covariance: Matrix2<f64> = ring.center_covariance() + spot.center_covariance();
     let dof = ring.dof.min(spot.dof);
-    let k = k95(dof);
-    let (distance_mm, distance_u95_mm) = distance(offset, covariance, dof);
-    let factor = match options.tolerance_kind {
-        ToleranceKind::Distance => 1.0,
-        ToleranceKind::Zone => 2.0,
-    };
-    let u = |i: usize| k * covariance[(i, i)].max(0.0).sqrt();
     let report = Report {
         ring: CircleReport::of(&ring),
         spot: CircleReport::of(&spot),
-        offset_mm: offset.into(),
-        offset_u95_mm: [u(0), u(1)],
-        offset_cov_mm2: [
-            [covariance[(0, 0)], covariance[(0, 1)]],
-            [covariance[(1, 0)], covariance[(1, 1)]],
-        ]
-        .map(|row| row.map(|v| v * (k / K95).powi(2))),
-        distance_mm,
-        distance_u95_mm,
-        zone_mm: 2.0 * distance_mm,
-        tolerance_mm: options.tolerance_mm,
-        tolerance_kind: options.tolerance_kind,
-        verdict: Verdict::of(factor * distance_mm, factor * distance_u95_mm, options.tolerance_mm),
-        correction: correction(offset, [u(0), u(1)], options),
+        offset: Offset::judge(apart, covariance, dof, options),
         budget: {
             // Along the offset, which is the way that counts for the distance.
-            let along = offset.try_normalize(0.0).unwrap_or_else(Vector2::x);
-            let part = |c: Matrix2<f64>| k / K95 * along.dot(&(c * along)).max(0.0).sqrt();
+            let along = apart.try_normalize(0.0).unwrap_or_else(Vector2::x);
+            let part = |c: Matrix2<f64>| k95(dof) / K95 * along.dot(&(c * along)).max(0.0).sqrt();
             let (ring, spot) = (part(ring.center_covariance()), part(spot.center_covariance()));
             budget("distance_mm", [("edge of the ring", ring), ("edge of the spot", spot)])
         },
@@ -228,18 +175,4 @@ fn report(
         warnings,
     };
     Measured { report, ring, spot }
-}
-
-/// The turn of B and of the head that makes the next burn concentric. See the module's signs.
-fn correction(offset: Vector2<f64>, u95: [f64; 2], options: &Options) -> Correction {
-    let height = options.ring_height_mm - options.spot_height_mm;
-    let slope = |d: f64| (1.0 / (1.0 + (d / height).powi(2)) / height).to_degrees();
-    let shim = (offset.y / height).atan();
-    Correction {
-        b_deg: -(offset.x / height).atan().to_degrees(),
-        b_u95_deg: u95[0] * slope(offset.x),
-        shim_deg: shim.to_degrees(),
-        shim_u95_deg: u95[1] * slope(offset.y),
-        shim_mm: options.flange_mm.map(|l| l * shim.tan()),
-    }
 }

@@ -27,7 +27,7 @@ struct Limits {
     coverage: f64,
     /// Its own form (rms) as a part of its radius; less where less of it is seen.
     form: f64,
-    /// The standard uncertainty of its centre as a part of its radius.
+    /// The standard deviation of its centre, as far as its edge tells it, as a part of its radius.
     doubt: f64,
 }
 const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02 };
@@ -142,7 +142,7 @@ fn is_circle(ring: &Ring, limits: &Limits) -> bool {
     !glare
         && ring.arc_coverage >= limits.coverage
         && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
-        && ring.center_covariance().trace().sqrt() < limits.doubt * radius_mm
+        && ring.fitted_sd_mm < limits.doubt * radius_mm
 }
 
 /// How much of a mark an edge is: strong, well covered, long; a burn's is as good as a sharper one's unless it is as soft as

@@ -5,6 +5,7 @@ pub mod circles;
 mod concentric;
 pub mod cross;
 mod marks;
+pub mod offset;
 pub mod ring;
 pub mod rod;
 mod rows;

@@ -11,13 +11,17 @@ use crate::measure::rows::{final_weights, group_rows, robust_weights, textured_r
 
 /// Groups of sectors the correlated fit works on: enough for the wander of any real edge.
 const GROUPS: usize = 72;
-/// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the softness beyond 3 px is
-/// added to the centre's standard uncertainty, unless the levels are seen to be the same all round.
+/// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the softness beyond
+/// [`SHARP_PX`] is added to the centre's standard uncertainty, unless the edge is seen to be the same all round.
 const SOFT_EDGE: f64 = 0.003;
-
-/// A heat tint that is stronger on one side is taken out by a shape that it only roughly has: this part of what it would
-/// have shifted is added to the centre's standard uncertainty.
-const LEANING: f64 = 0.4;
+/// So does a heat tint that is stronger on one side, where it lies within the edge: how strong it is shows in what of it fades beyond
+/// the rim, and this many times that part of the softness is added.
+const LEANING: f64 = 2.3;
+const SHARP_PX: f64 = 3.0;
+/// How much of that a radius may be off besides what is known of its tint.
+const EVEN: f64 = 0.7;
+/// What goes on farther than this beyond the rim, as a part of its step, is no longer tint.
+const MOST_TINT: f64 = 0.2;
 
 /// Where the edge is looked for.
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +54,8 @@ pub struct Ring {
     pub covariance: nalgebra::Matrix3<f64>,
     /// Degrees of freedom of that covariance.
     pub dof: f64,
+    /// Standard deviation of the centre, both ways together, as far as the edge's points tell it.
+    pub fitted_sd_mm: f64,
     /// Centre as it is seen in the picture.
     pub center_px: Vector2<f64>,
     /// Root mean square of the edge's own form (residuals of the groups), mm.
@@ -310,18 +316,20 @@ fn finish(
     let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
+    let fitted_sd_mm = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
-    let soft_px = if points.located.plain { 0.0 } else { (step.softness_px - 3.0).max(0.0) };
-    let soft_mm = SOFT_EDGE * soft_px * pixel_mm;
-    let leaning_mm = LEANING * points.located.leaning_px * pixel_mm;
-    for i in 0..2 {
-        covariance[(i, i)] += soft_mm * soft_mm + leaning_mm * leaning_mm;
+    if !points.located.plain {
+        let soft_mm = (step.softness_px - SHARP_PX).max(0.0) * pixel_mm;
+        let unseen_mm = soft_mm * SOFT_EDGE.hypot(LEANING * step.fades.min(MOST_TINT));
+        (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
+        covariance[(2, 2)] += (EVEN * unseen_mm).powi(2);
     }
     let used = weights.iter().filter(|w| **w > 0.0).count();
     Ring {
         circle: Circle { center, radius: about.radius + fit.beta[2] + blur_mm + tint_mm },
         covariance,
         dof: fit.dof,
+        fitted_sd_mm,
         center_px: view.to_pixel(center),
         form_rms_mm: form.sqrt(),
         edge_points: used,

@@ -97,7 +97,7 @@ fn burn_answer(made: &BurnPicture) -> Answer {
         let options = measure::burn::Options::default();
         let subject = "holdout";
         let report = measure::burn::measure(&picture, &made.calibration, &options, subject)?.report;
-        let error = Vector2::from(report.offset_mm) - truth_mm(made);
+        let error = Vector2::from(report.offset.offset_mm) - truth_mm(made);
         for (name, found, mark) in
             [("ring", &report.ring, &made.ring), ("spot", &report.spot, &made.spot)]
         {
@@ -111,7 +111,7 @@ fn burn_answer(made: &BurnPicture) -> Answer {
                 1e3 * b
             );
         }
-        Ok([error.into(), report.offset_u95_mm])
+        Ok([error.into(), report.offset.offset_u95_mm])
     };
     let result = measured().map_err(|e| e.to_string());
     Answer { result, caliper_mm: burn_caliper_mm(made), story }
