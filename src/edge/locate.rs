@@ -74,6 +74,8 @@ pub struct Located {
     pub textured: bool,
     /// Share of the sectors with a usable edge.
     pub coverage: f64,
+    /// How far the edge would seem shifted if what fades away beside it, stronger on one side, were taken for edge.
+    pub leaning_px: f64,
 }
 
 /// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
@@ -193,8 +195,15 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         })
         .collect();
     let coverage = alive.iter().sum::<f64>() / n as f64;
+    let (least, most) = priors
+        .iter()
+        .map(|p| p.tail.0)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most): (f64, f64), tail| {
+            (least.min(tail), most.max(tail))
+        });
+    let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
-    Some(Located { points, template, step, noise, plain, textured, coverage })
+    Some(Located { points, template, step, noise, plain, textured, coverage, leaning_px })
 }
 
 /// How much worse or better than usual the sectors near each one fit. Brushed metal disturbs the arcs along its

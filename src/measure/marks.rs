@@ -21,6 +21,8 @@ const FAINT: f64 = 0.05;
 const ON_EDGE: f64 = 2.0;
 /// How far inside a spot's edge is looked, in radii, where all of it led to another edge.
 const CRATER: f64 = 0.4;
+/// As soft as this part of its radius a circle may well be a glare instead of a spot.
+const GLARE: f64 = 0.3;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -29,9 +31,11 @@ struct Limits {
     form: f64,
     /// The standard deviation of its centre, as far as its edge tells it, as a part of its radius.
     doubt: f64,
+    /// The same with what a tint may have moved it: a glare fades away all round, and what is left says little.
+    in_all: f64,
 }
-const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02 };
-const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.12 };
+const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02, in_all: 0.1 };
+const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 
 /// Ring, spot and what a user should know.
 pub(super) type Marks = (Ring, Ring, Vec<String>);
@@ -143,6 +147,7 @@ fn is_circle(ring: &Ring, limits: &Limits) -> bool {
         && ring.arc_coverage >= limits.coverage
         && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
         && ring.fitted_sd_mm < limits.doubt * radius_mm
+        && ring.center_covariance().trace().sqrt() < limits.in_all * radius_mm
 }
 
 /// How much of a mark an edge is: strong, well covered, long; a burn's is as good as a sharper one's unless it is as soft as
@@ -219,7 +224,10 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
     let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
     let rank = |c: &Candidate| {
         let toward_center = 1.0 + (off(c) / 0.5).powi(2);
-        c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage / toward_center
+        let glow = (c.softness_px / (GLARE * c.circle.radius)).powi(2);
+        c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage
+            / toward_center
+            / (1.0 + glow)
     };
     // A dot that small is believed to be the spot only where the spot should be.
     let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;

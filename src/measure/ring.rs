@@ -18,6 +18,9 @@ const SOFT_EDGE: f64 = 0.003;
 /// the rim, and this many times that part of the softness is added.
 const LEANING: f64 = 2.3;
 const SHARP_PX: f64 = 3.0;
+/// What fades beyond the rim, more on one side, is taken out by a shape that it only roughly has: this part of what it would have
+/// shifted is left.
+const LEFT: f64 = 0.2;
 /// How much of that a radius may be off besides what is known of its tint.
 const EVEN: f64 = 0.7;
 /// What goes on farther than this beyond the rim, as a part of its step, is no longer tint.
@@ -320,7 +323,8 @@ fn finish(
     covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
     if !points.located.plain {
         let soft_mm = (step.softness_px - SHARP_PX).max(0.0) * pixel_mm;
-        let unseen_mm = soft_mm * SOFT_EDGE.hypot(LEANING * step.fades.min(MOST_TINT));
+        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * step.fades.min(MOST_TINT));
+        let unseen_mm = within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm);
         (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
         covariance[(2, 2)] += (EVEN * unseen_mm).powi(2);
     }
