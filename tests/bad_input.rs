@@ -248,6 +248,8 @@ fn wrong_cells_are_named_with_line_and_column() {
     let burn = "burn burn.png --calib t.toml";
     says("t.toml", &calib.replace("fx_px", "fx_mm"), burn, &["t.toml", "fx_mm"]);
     says("t.toml", "schema = 1\n[scale]\nmm_per_px = 0.0\n", burn, &["t.toml", "mm_per_px"]);
+    let curved = format!("{calib}\n[sensor]\ngamma = 0.0\n");
+    says("t.toml", &curved, burn, &["t.toml", "sensor.gamma", "2.2"]);
     says("t.toml", "schema = 1\n", burn, &["t.toml", "[camera]"]);
     judge();
 }

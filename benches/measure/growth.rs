@@ -47,7 +47,7 @@ fn panel(x: &str, title: &str, points: &[(f64, f64)]) -> Panel {
 fn time(height: f64, radius: f64) -> f64 {
     let picture = paint((height * 4.0 / 3.0) as usize, height as usize, radius);
     let mapping = Mapping::Scale { mm_per_px: 0.003, rotation_deg: 0.0 };
-    let calibration = Calibration { name: String::new(), mapping, laser: None };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let options = burn::Options::default();
     one_thread(|| match burn::measure(&picture, &calibration, &options, "bench") {
         Ok(_) => median_ms(5, || burn::measure(&picture, &calibration, &options, "bench")),

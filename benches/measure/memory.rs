@@ -39,7 +39,7 @@ pub fn peak(files: &[String]) -> Result<()> {
         for file in files {
             // Any scale does: what is measured is memory.
             let mapping = Mapping::Scale { mm_per_px: 0.0032, rotation_deg: 0.0 };
-            let calibration = Calibration { name: String::new(), mapping, laser: None };
+            let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
             let measured = Picture::read(file)
                 .and_then(|p| burn::measure(&p, &calibration, &burn::Options::default(), file));
             drop(measured);

@@ -119,7 +119,7 @@ impl Cell {
 
 fn view(side: usize, mm_per_px: f64) -> View {
     let mapping = Mapping::Scale { mm_per_px, rotation_deg: 0.0 };
-    let calibration = Calibration { name: String::new(), mapping, laser: None };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     calibration.view(side, side).expect("a scale suits every frame")
 }
 

@@ -76,7 +76,7 @@ fn row(name: &str, answers: &[&Answer]) {
 
 fn answer(plate: &Plate) -> Answer {
     let mapping = Mapping::Scale { mm_per_px: MM_PER_PX, rotation_deg: 0.0 };
-    let calibration = Calibration { name: String::new(), mapping, laser: None };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let options = burn::Options { near_mm: plate.near_mm, ..burn::Options::default() };
     let result = Picture::decode("hostile", &plate.file)
         .and_then(|picture| burn::measure(&picture, &calibration, &options, "hostile"));

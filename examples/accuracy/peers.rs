@@ -23,7 +23,7 @@ pub fn write(folder: &str, count: u64) -> Result<()> {
     let folder = Path::new(folder);
     create_folder(folder)?;
     let mapping = Mapping::Scale { mm_per_px: 1.0, rotation_deg: 0.0 };
-    let calibration = Calibration { name: String::new(), mapping, laser: None };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let options =
         circles::Options { expect_mm: vec![2.0 * RADIUS_PX], channel: Channel::default() };
     let mut table = "file,difficulty,u_px,v_px,own_u_px,own_v_px\n".to_owned();

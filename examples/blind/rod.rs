@@ -436,6 +436,7 @@ pub fn read(csv: &str) -> Box<dyn Experiment> {
         name: String::new(),
         mapping: Mapping::Pinhole { lens, homography_mm },
         laser: None,
+        gamma: 1.0,
     };
     Box::new(
         RodExperiment::from_table(&table, &calibration, None, &mut Vec::new()).expect("good data"),

@@ -206,7 +206,7 @@ pub fn from_sightings(
     let report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
     let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm: fit.homography() };
     Ok(Calibrated {
-        calibration: Calibration { name: String::new(), mapping, laser: None },
+        calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },
         report,
     })
 }

@@ -8,7 +8,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::View;
 use crate::error::{Error, Result};
+use crate::frame::Frame;
 use crate::tomlfile;
+
+/// What a camera's gamma may be.
+const GAMMAS: (f64, f64) = (0.2, 5.0);
 
 /// A camera's calibration as read from its file.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,6 +23,8 @@ pub struct Calibration {
     pub mapping: Mapping,
     /// Where the laser axis lies, seen from the camera axis, where it is known.
     pub laser: Option<Laser>,
+    /// How the sensor counts light: a count is proportional to its power of one over this. 1 where counts are light.
+    pub gamma: f64,
 }
 
 /// How pixels map to millimetres in the measuring plane.
@@ -86,6 +92,14 @@ struct File {
     scale: Option<Scale>,
     #[serde(skip_serializing_if = "Option::is_none")]
     laser: Option<Laser>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    sensor: Option<Sensor>,
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sensor {
+    gamma: f64,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -124,6 +138,7 @@ impl Lens {
             plane: None,
             scale: None,
             laser: None,
+            sensor: None,
         };
         // These plain structures always serialise.
         toml::to_string(&file).unwrap_or_default()
@@ -209,7 +224,15 @@ impl Calibration {
         {
             return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
         }
-        Ok(Self { name: file.name, mapping, laser: file.laser })
+        let gamma = file.sensor.map_or(1.0, |s| s.gamma);
+        if !(GAMMAS.0..=GAMMAS.1).contains(&gamma) {
+            return Err((
+                "sensor.gamma",
+                format!("is {gamma}, a camera's lies between {} and {}", GAMMAS.0, GAMMAS.1),
+                "give 2.2 for pictures made to be looked at (sRGB), leave [sensor] out where counts are light",
+            ));
+        }
+        Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
     }
 
     /// Width and height of the frames the lens was calibrated for; `None` for a plain scale.
@@ -240,9 +263,15 @@ impl Calibration {
             plane,
             scale,
             laser: self.laser.clone(),
+            sensor: (self.gamma != 1.0).then_some(Sensor { gamma: self.gamma }),
         };
         // These plain structures always serialise.
         toml::to_string(&file).unwrap_or_default()
+    }
+
+    /// The frame with counts that are light.
+    pub fn linear(&self, frame: Frame) -> Frame {
+        if self.gamma == 1.0 { frame } else { frame.linear(self.gamma) }
     }
 
     /// As [`Calibration::view`]; the error names the picture too.
@@ -299,7 +328,8 @@ mod tests {
     fn a_file_survives_a_round_trip() {
         let text = "schema = 1\nname = 'b'\n[camera]\nwidth_px = 1600\nheight_px = 1200\nfx_px = 3520.0\nfy_px = 3520.0\n\
                     cx_px = 799.5\ncy_px = 599.5\ndistortion = [0.1, 0.0, 0.0, 0.0, 0.0]\n\
-                    [plane]\nhomography_mm = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]\n";
+                    [plane]\nhomography_mm = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]\n\
+                    [sensor]\ngamma = 2.2\n";
         let file = tomlfile::parse("c.toml", text).unwrap();
         let calibration = Calibration::from_file(file).unwrap();
         let again =

@@ -101,7 +101,7 @@ fn second_opinion(
     let frames = captures
         .iter()
         .map(|c| {
-            let frame = Picture::read(&c.path)?.into_frame(channel);
+            let frame = calibration.linear(Picture::read(&c.path)?.into_frame(channel));
             let view = calibration.view(frame.width(), frame.height())?;
             Ok((frame, view))
         })

@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn brushed_metal_is_seen_through() {
         let mapping = Mapping::Scale { mm_per_px: 1.0, rotation_deg: 0.0 };
-        let calibration = Calibration { name: String::new(), mapping, laser: None };
+        let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
         let view = calibration.view(SIDE, SIDE).unwrap();
         let (mut alone, mut joint, mut ratio) = (0.0, 0.0, 0.0);
         let runs = 24;

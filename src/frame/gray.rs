@@ -144,6 +144,27 @@ impl Frame {
         }
     }
 
+    /// The light that a sensor has counted whose counts are proportional to its power of `1 / gamma`.
+    pub fn linear(self, gamma: f64) -> Self {
+        let light = |count: f64| (65535.0 * count.powf(gamma)).round() as u16;
+        match self {
+            Self::Eight(g) => {
+                let table: Vec<u16> = (0..=255u8).map(|c| light(f64::from(c) / 255.0)).collect();
+                let data = g.data.iter().map(|&c| table[usize::from(c)]).collect();
+                Self::Sixteen(Gray { width: g.width, height: g.height, data })
+            }
+            Self::Sixteen(mut g) => {
+                // Ten or twelve bits may lie in the lower ones.
+                let most = g.data.iter().copied().max().unwrap_or(0);
+                let full = u16::MAX >> most.leading_zeros();
+                let table: Vec<u16> =
+                    (0..=full).map(|c| light(f64::from(c) / f64::from(full))).collect();
+                g.data.iter_mut().for_each(|c| *c = table[usize::from(*c)]);
+                Self::Sixteen(g)
+            }
+        }
+    }
+
     /// 8-bit copy for overlays, the picture's own range stretched where it holds more than 8 bits.
     pub fn to_eight(&self) -> Gray<u8> {
         match self {

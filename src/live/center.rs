@@ -146,7 +146,7 @@ pub fn run(
         let first = *first.get_or_insert_with(Instant::now);
         // A damaged frame is not the stream's end.
         let frame = match shot.frame() {
-            Ok(frame) => frame,
+            Ok(frame) => calibration.linear(frame),
             Err(e) => {
                 failed += 1;
                 tell(News::NotSeen(e.to_string()))?;

@@ -108,8 +108,12 @@ pub fn measure(
     let (width, height) = picture.size();
     let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel: Channel| {
-        let (ring, spot, warnings) =
-            marks::measure(&picture.frame(channel), &view, options.near_mm, subject)?;
+        let (ring, spot, warnings) = marks::measure(
+            &calibration.linear(picture.frame(channel)),
+            &view,
+            options.near_mm,
+            subject,
+        )?;
         Ok(report(ring, spot, options, channel, warnings))
     };
     let spread = |m: &Measured| {

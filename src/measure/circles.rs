@@ -87,7 +87,10 @@ pub fn measure(
     check(options)?;
     let (width, height) = picture.size();
     let view = calibration.view_of(subject, width, height)?;
-    let attempt = |channel| in_frame(&picture.frame(channel), &view, options, channel, subject);
+    let attempt = |channel| {
+        let frame = calibration.linear(picture.frame(channel));
+        in_frame(&frame, &view, options, channel, subject)
+    };
     // The circle whose centre is known worst.
     let spread = |m: &Measured| {
         let each = m.report.circles.iter().map(|c| c.circle.center_u95_mm);

@@ -142,8 +142,12 @@ impl Optics {
             lens,
             homography_mm: plane_homography(pixel_mm * focal_px, tilt, roll),
         };
-        let calibration =
-            Calibration { name: "rendered camera (true values)".into(), mapping, laser: None };
+        let calibration = Calibration {
+            name: "rendered camera (true values)".into(),
+            mapping,
+            laser: None,
+            gamma: 1.0,
+        };
         Ok(Camera { calibration, blur_px })
     }
 }

@@ -41,7 +41,7 @@ pub fn render(
         Error::measure("target", "is seen edge on", "hold it so that its face is seen")
     })?;
     let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm };
-    let calibration = Calibration { name: String::new(), mapping, laser: None };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let (width, height) = (lens.width_px, lens.height_px);
     let view = calibration.view(width as usize, height as usize)?;
     let points_px = target.points_mm().into_iter().map(|p| view.to_pixel(p)).collect();

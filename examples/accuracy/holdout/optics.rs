@@ -74,7 +74,7 @@ impl Camera {
                 Mapping::Scale { mm_per_px: *mm_per_px, rotation_deg: turn_rad.to_degrees() }
             }
         };
-        Calibration { name: "holdout".to_owned(), mapping, laser: None }
+        Calibration { name: "holdout".to_owned(), mapping, laser: None, gamma: 1.0 }
     }
 
     /// Pixel to mm in the plane.

@@ -63,7 +63,7 @@ pub fn measure(
             let picture = Picture::read(&c.path)?;
             let (w, h) = picture.size();
             let view = calibration.view_of(&c.image, w, h)?;
-            Ok((picture.into_frame(options.channel), view))
+            Ok((calibration.linear(picture.into_frame(options.channel)), view))
         })
         .collect::<Result<Vec<_>>>()?;
     let mut measured = measure_frames(captures, &frames, options)?;
