@@ -23,6 +23,8 @@ const ON_EDGE: f64 = 2.0;
 const CRATER: f64 = 0.4;
 /// As soft as this part of its radius a circle may well be a glare instead of a spot.
 const GLARE: f64 = 0.3;
+/// So soft, as a part of its radius, the edge of what is clipped inside is a glare's.
+const CLIPPED_SOFT: f64 = 0.2;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -140,9 +142,10 @@ fn is_steady(c: &Candidate) -> bool {
 }
 
 /// Whether what was measured is a circle with some ragged edge rather than something else.
-fn is_circle(ring: &Ring, limits: &Limits) -> bool {
-    let glare = ring.clipped_inside && ring.arc_coverage < 0.95;
+fn is_circle(ring: &Ring, view: &View, limits: &Limits) -> bool {
     let radius_mm = ring.circle.radius;
+    let soft = ring.softness_px * view.pixel_mm() > CLIPPED_SOFT * radius_mm;
+    let glare = ring.clipped_inside && (ring.arc_coverage < 0.95 || soft);
     !glare
         && ring.arc_coverage >= limits.coverage
         && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
@@ -223,7 +226,9 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
     );
     let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
     let rank = |c: &Candidate| {
-        let toward_center = 1.0 + (off(c) / 0.5).powi(2);
+        // Beside the centre what is lighter than the burn may well be a glare, too.
+        let doubt = if c.step * outer.step < 0.0 { 3.0 } else { 1.0 };
+        let toward_center = 1.0 + doubt * (off(c) / 0.5).powi(2);
         let glow = (c.softness_px / (GLARE * c.circle.radius)).powi(2);
         c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage
             / toward_center
@@ -284,7 +289,7 @@ fn measure_ring(
 ) -> Option<Ring> {
     let mut others = edges.to_vec();
     others.push(spot);
-    let good = |ring: &Ring| is_circle(ring, &RING);
+    let good = |ring: &Ring| is_circle(ring, view, &RING);
     let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
     let inner = inner_edge(outer, edges)
         .and_then(|c| measure_candidate(frame, view, &c, &others))
@@ -347,7 +352,7 @@ fn measure_spot(
     if edges.iter().filter(strong).any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
         spot.covariance *= ON_EDGE * ON_EDGE;
     }
-    let plausible = is_circle(&spot, &SPOT)
+    let plausible = is_circle(&spot, view, &SPOT)
         && spot.circle.radius < 0.5 * ring.circle.radius // Beyond is the annulus' inner edge.
         && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
         && !strayed(&spot);
