@@ -150,6 +150,21 @@ pub struct Points {
     pub clipped_inside: bool,
 }
 
+impl Points {
+    /// How far the rim lies from what was found, in the plane: what a tint or shadow beside it has moved.
+    fn tint_mm(&self) -> f64 {
+        (self.located.step.rim_px - self.located.step.distance_px) * self.pixel_mm
+    }
+
+    /// Moves the places in the plane, seen from this centre, to the rim.
+    pub(super) fn to_rim(&mut self, center: Vector2<f64>) {
+        let tint_mm = self.tint_mm();
+        for place in &mut self.place_mm {
+            *place += (*place - center).normalize() * tint_mm;
+        }
+    }
+}
+
 /// How closely an edge is looked at.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Effort {
@@ -316,7 +331,7 @@ fn finish(
     let seen_px = (about.radius + fit.beta[2]) / pixel_mm;
     let step = points.located.step;
     let blur_mm = blur_px(step.softness_px, seen_px) * pixel_mm;
-    let tint_mm = (step.rim_px - step.distance_px) * pixel_mm;
+    let tint_mm = points.tint_mm();
     let mut covariance = nalgebra::Matrix3::zeros();
     covariance.copy_from(&fit.covariance);
     let fitted_sd_mm = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();

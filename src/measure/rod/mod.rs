@@ -19,7 +19,7 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
-use crate::measure::ring::{self, CLOSE, GLANCE, Search};
+use crate::measure::ring::{self, CLOSE, GLANCE, Points, Search};
 use crate::uncertainty::{K95, k95};
 use joint::{Arc, Axis, Joint};
 use outer::Found;
@@ -203,7 +203,8 @@ fn follow(
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
                 };
-                let points = ring::edge_points(frame, view, rough, search, effort)?;
+                let mut points = ring::edge_points(frame, view, rough, search, effort)?;
+                points.to_rim(rough.center);
                 Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
             .collect();
@@ -270,7 +271,8 @@ fn finish(
     let last = 2 * angles;
     // Every table angle shows the same rim: its form does not average out over them.
     covariance[(last, last)] *= angles as f64;
-    let blur_mm = blurred_radius(arcs);
+    covariance[(last, last)] += mean(arcs, |p| p.located.step.rim_sd_px * p.pixel_mm).powi(2);
+    let blur_mm = mean(arcs, blurred_radius);
     let mut nominal = None;
     if let Some(d) = options.diameter_mm {
         // The nominal radius as one more observation.
@@ -394,14 +396,13 @@ fn find_axis(
     Some((axis, K95))
 }
 
-/// Mean of σ²/2R over the captures: a blurred rim's half level lies that much inside.
-fn blurred_radius(arcs: &[Arc]) -> f64 {
-    let sum: f64 = arcs
-        .iter()
-        .map(|a| {
-            let s = a.points.located.step.softness_px;
-            s * s / (2.0 * a.points.radius_px) * a.points.pixel_mm
-        })
-        .sum();
-    sum / arcs.len().max(1) as f64
+/// σ²/2R: a blurred rim's half level lies that much inside.
+fn blurred_radius(points: &Points) -> f64 {
+    let softness_px = points.located.step.softness_px;
+    softness_px * softness_px / (2.0 * points.radius_px) * points.pixel_mm
+}
+
+/// Mean over the captures.
+fn mean(arcs: &[Arc], of: impl Fn(&Points) -> f64) -> f64 {
+    arcs.iter().map(|a| of(&a.points)).sum::<f64>() / arcs.len().max(1) as f64
 }
