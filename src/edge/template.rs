@@ -121,7 +121,7 @@ impl Template {
         let (moved_px, perhaps_px) = self.tint_px(beyond, quartiles_px, softness_px);
         let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
-        let fades = inside.abs().max(outside.abs());
+        let fades = outside.abs();
         Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px, fades }
     }
 
@@ -181,7 +181,7 @@ pub struct Step {
     pub outer: f64,
     /// Standard deviation of the Gaussian blur with the same peak slope.
     pub softness_px: f64,
-    /// How much the profile goes on beyond the rim, as a part of its step: what a tint leaves to be seen.
+    /// How much the profile goes on outside the rim, as a part of its step: what a tint leaves to be seen.
     pub fades: f64,
 }
 
