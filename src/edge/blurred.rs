@@ -101,7 +101,7 @@ impl Blurred {
             inner,
             outer,
             softness_px: sigma_px,
-            fades: 0.0,
+            fades: [0.0; 2],
         }
     }
 }

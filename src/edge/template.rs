@@ -116,12 +116,12 @@ impl Template {
             hi = hi.min(peak + reach);
         }
         let quartiles_px = [0.25, 0.5, 0.75].map(|part| crossing_px(lo, hi, part));
-        let [inside, outside] = self.fades(lo, hi);
+        let fades = self.fades(lo, hi);
+        let [inside, outside] = fades;
         let beyond = |leans: f64| if leans > 0.0 { outside } else { inside };
         let (moved_px, perhaps_px) = self.tint_px(beyond, quartiles_px, softness_px);
         let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
-        let fades = outside.abs();
         Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px, fades }
     }
 
@@ -181,8 +181,8 @@ pub struct Step {
     pub outer: f64,
     /// Standard deviation of the Gaussian blur with the same peak slope.
     pub softness_px: f64,
-    /// How much the profile goes on outside the rim, as a part of its step: what a tint leaves to be seen.
-    pub fades: f64,
+    /// How much the profile goes on beyond the rim inside and outside, as parts of its step: what a tint leaves to be seen.
+    pub fades: [f64; 2],
 }
 
 impl Step {

@@ -157,7 +157,7 @@ impl Points {
     }
 
     /// Moves the places in the plane, seen from this centre, to the rim.
-    pub(super) fn to_rim(&mut self, center: Vector2<f64>) {
+    pub(super) fn move_to_rim(&mut self, center: Vector2<f64>) {
         let tint_mm = self.tint_mm();
         for place in &mut self.place_mm {
             *place += (*place - center).normalize() * tint_mm;
@@ -303,7 +303,7 @@ pub fn measure(
     let sectors = group_rows(&points, &weights, fitted.circle, GROUPS);
     let together = textured_rows(frame, view, &points, fitted.circle, search);
     let fit = correlated::fit(together.as_ref().unwrap_or(&sectors), known)?;
-    Some(finish(view, &points, fitted.circle, &weights, &sectors, fit))
+    Some(finish(view, &points, fitted.circle, &weights, &sectors, fit, known.is_some()))
 }
 
 /// How far the half level of a disc blurred by `sigma_px` lies inside its rim: σ²/2R, and for small discs what a straight edge fitted to the
@@ -321,6 +321,7 @@ fn finish(
     weights: &[f64],
     sectors: &correlated::Rows,
     fit: correlated::Fit,
+    is_spot: bool,
 ) -> Ring {
     let center = about.center + Vector2::new(fit.beta[0], fit.beta[1]);
     let residuals = &sectors.y - &sectors.design * &fit.beta;
@@ -338,7 +339,10 @@ fn finish(
     covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
     if !points.located.plain {
         let soft_mm = (step.softness_px - SHARP_PX).max(0.0) * pixel_mm;
-        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * step.fades.min(MOST_TINT));
+        // A ring's tint lies on either side, a spot's outside: inside it goes on by its own dome.
+        let [inside, outside] = step.fades.map(f64::abs);
+        let tint = if is_spot { outside } else { outside.max(inside) };
+        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT));
         let unseen_mm = within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm);
         (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
         covariance[(2, 2)] += (EVEN * unseen_mm).powi(2);

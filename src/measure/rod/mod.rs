@@ -204,7 +204,7 @@ fn follow(
                     softness_px: softness[i],
                 };
                 let mut points = ring::edge_points(frame, view, rough, search, effort)?;
-                points.to_rim(rough.center);
+                points.move_to_rim(rough.center);
                 Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
             .collect();
