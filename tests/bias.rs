@@ -363,6 +363,8 @@ fn gamma() {
     println!("gamma: radius, plain way {grown:.4} px, program {wide:.5} px");
     assert!(moved > 0.05 && error < 0.1 * moved, "{error} of {moved}");
     assert!(grown > 0.5 && wide < 0.1 * grown, "{wide} of {grown}");
+    let off = (0.5 * curved.1.diameter_mm / MM_PER_PX - radius).abs();
+    assert!(off < 0.1 * grown, "{off} of {grown}");
 }
 
 /// A plate that is too bright on one side cuts the upper part of the edge off there.

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use serde::Deserialize;
 use serde_json::json;
 
 use super::pictures::{self, Shown};
@@ -137,8 +138,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 fn add_mean(outcome: &mut Outcome, options: &Options, global: &Global) {
     let Some(document) = &mut outcome.document else { return };
     let tests: Vec<Offset> =
-        document.rows.iter().filter_map(|row| serde_json::from_value(row.clone()).ok()).collect();
-    let mean = match offset::mean(&tests.iter().collect::<Vec<_>>(), options) {
+        document.rows.iter().filter_map(|row| Offset::deserialize(row).ok()).collect();
+    let mean = match offset::mean(&tests, options) {
         Ok(mean) => mean,
         // What was measured is shown all the same.
         Err(e) => {

@@ -144,7 +144,7 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
         same.push(measured.report.offset);
         let known = match &same[..] {
             [one] => one.clone(),
-            several => offset::mean(&several.iter().collect::<Vec<_>>(), &wish)?.offset,
+            several => offset::mean(several, &wish)?.offset,
         };
         let passed = known.verdict == Verdict::Pass;
         // What lies within its uncertainty is burnt again, not turned.

@@ -117,9 +117,7 @@ impl Template {
         }
         let quartiles_px = [0.25, 0.5, 0.75].map(|part| crossing_px(lo, hi, part));
         let fades = self.fades(lo, hi);
-        let [inside, outside] = fades;
-        let beyond = |leans: f64| if leans > 0.0 { outside } else { inside };
-        let (moved_px, perhaps_px) = self.tint_px(beyond, quartiles_px, softness_px);
+        let (moved_px, perhaps_px) = self.tint_px(fades, quartiles_px, softness_px);
         let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
         Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px, fades }
@@ -139,12 +137,12 @@ impl Template {
     }
 
     /// How far a tint that fades away on one side of the rim has moved the rim's middle level, and how far it may have besides,
-    /// where the rim rises with these quartiles. The tint shows twice: the rim leans, its outer half
+    /// where the rim rises with these quartiles and fades like this beyond them. The tint shows twice: the rim leans, its outer half
     /// reaching farther than its inner one or the other way round, and the profile goes on beyond the rim. One alone may be
     /// a mark's own form: a line's flank leans too.
     fn tint_px(
         &self,
-        beyond: impl Fn(f64) -> f64,
+        [inside, outside]: [f64; 2],
         [first, middle, last]: [f64; 3],
         softness_px: f64,
     ) -> (f64, f64) {
@@ -153,7 +151,8 @@ impl Template {
         /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, with so much more it is.
         const FADES: (f64, f64) = (0.03, 0.03);
         let leans = (first + last - 2.0 * middle) / (last - first).max(self.step_px);
-        let share = ((beyond(leans) - FADES.0) / FADES.1).clamp(0.0, 1.0);
+        let beyond = if leans > 0.0 { outside } else { inside };
+        let share = ((beyond - FADES.0) / FADES.1).clamp(0.0, 1.0);
         let moves_px = MOVES * leans * (1.0 - lens_share(softness_px)) * softness_px;
         (moves_px * share, moves_px * (1.0 - share))
     }

@@ -155,7 +155,7 @@ impl Frame {
             }
             Self::Sixteen(mut g) => {
                 // Ten or twelve bits may lie in the lower ones.
-                let most = g.data.iter().copied().max().unwrap_or(0);
+                let most = g.data.iter().copied().max().unwrap_or(1).max(1);
                 let full = u16::MAX >> most.leading_zeros();
                 let table: Vec<u16> =
                     (0..=full).map(|c| light(f64::from(c) / f64::from(full))).collect();
@@ -181,6 +181,16 @@ impl Frame {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn light_is_linear_in_whatever_bits_it_was_counted_and_black_stays_black() {
+        let sixteen =
+            |data: [u16; 2]| Frame::Sixteen(Gray { width: 2, height: 1, data: data.into() });
+        assert_eq!(sixteen([0, 0]).linear(2.2), sixteen([0, 0]));
+        assert_eq!(sixteen([0, 4095]).linear(2.2), sixteen([0, 65535]));
+        let eight = Frame::Eight(Gray { width: 2, height: 1, data: vec![51, 255] });
+        assert_eq!(eight.linear(2.0), sixteen([2621, 65535]));
+    }
 
     #[test]
     fn reducing_averages_whole_blocks() {

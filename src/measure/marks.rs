@@ -157,8 +157,12 @@ fn is_circle(ring: &Ring, view: &View, limits: &Limits) -> bool {
 /// the border of a lamp's light.
 fn strength(c: &Candidate) -> f64 {
     let radius = c.circle.radius;
-    let glow = (c.softness_px / (0.1 * radius)).powi(2);
-    (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / (1.0 + glow)
+    (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / glow(c, 0.1)
+}
+
+/// How much less a circle counts for being soft: by half where its softness is this part of its radius.
+fn glow(c: &Candidate, part: f64) -> f64 {
+    1.0 + (c.softness_px / (part * c.circle.radius)).powi(2)
 }
 
 /// Likely rings, best first; of concentric edges the outermost strong one.
@@ -229,10 +233,8 @@ fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
         // Beside the centre what is lighter than the burn may well be a glare, too.
         let doubt = if c.step * outer.step < 0.0 { 3.0 } else { 1.0 };
         let toward_center = 1.0 + doubt * (off(c) / 0.5).powi(2);
-        let glow = (c.softness_px / (GLARE * c.circle.radius)).powi(2);
-        c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage
-            / toward_center
-            / (1.0 + glow)
+        let strength = c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
+        strength / toward_center / glow(c, GLARE)
     };
     // A dot that small is believed to be the spot only where the spot should be.
     let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;

@@ -131,7 +131,7 @@ impl Mean {
 ///
 /// # Errors
 /// Fewer than two tests, or one whose covariance is not one.
-pub fn mean(tests: &[&Offset], options: &Options) -> Result<Mean> {
+pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
     if tests.len() < 2 {
         return Err(Error::measure(
             "the mean",
@@ -139,21 +139,22 @@ pub fn mean(tests: &[&Offset], options: &Options) -> Result<Mean> {
             "burn again at the same setting, and give the pictures of all tests",
         ));
     }
+    let inverse = |covariance: Matrix2<f64>| {
+        let known = |w: &Matrix2<f64>| w.iter().all(|v| v.is_finite()) && w.cholesky().is_some();
+        covariance.try_inverse().filter(known).ok_or_else(|| {
+            Error::measure("the mean", "an offset's covariance is not one", "measure it again")
+        })
+    };
     let (mut weight, mut sum) = (Matrix2::zeros(), Vector2::zeros());
     let mut weights = Vec::new();
     for test in tests {
         let [[xx, xy], [yx, yy]] = test.offset_cov_mm2;
-        let inverse = Matrix2::new(xx, xy, yx, yy).try_inverse().filter(|w| {
-            w.iter().all(|v| v.is_finite()) && w[(0, 0)] > 0.0 && w.determinant() > 0.0
-        });
-        let inverse = inverse.ok_or_else(|| {
-            Error::measure("the mean", "an offset's covariance is not one", "measure it again")
-        })?;
-        weight += inverse;
-        sum += inverse * Vector2::from(test.offset_mm);
-        weights.push(inverse);
+        let w = inverse(Matrix2::new(xx, xy, yx, yy))?;
+        weight += w;
+        sum += w * Vector2::from(test.offset_mm);
+        weights.push(w);
     }
-    let covariance = weight.try_inverse().unwrap_or_else(Matrix2::zeros);
+    let covariance = inverse(weight)?;
     let offset = covariance * sum;
     let apart = |t: &Offset| Vector2::from(t.offset_mm) - offset;
     let chi2: f64 = tests.iter().zip(&weights).map(|(t, w)| apart(t).dot(&(w * apart(t)))).sum();
@@ -223,7 +224,7 @@ mod tests {
         const CASES: usize = 4000;
         for _ in 0..CASES {
             let tests = three(&mut rng, truth, 0.0);
-            let m = mean(&tests.iter().collect::<Vec<_>>(), &Options::default()).unwrap();
+            let m = mean(&tests, &Options::default()).unwrap();
             let off = Vector2::from(m.offset.offset_mm) - truth;
             held += (0..2).filter(|i| off[*i].abs() <= m.offset.offset_u95_mm[*i]).count();
             agreed += usize::from(m.warning().is_none());
@@ -236,8 +237,8 @@ mod tests {
         assert!((0.985..0.995).contains(&share(agreed, CASES)), "{}", share(agreed, CASES));
         assert!(share(narrower, CASES) > 0.6, "{}", share(narrower, CASES));
         let turned = three(&mut rng, truth, 0.05);
-        let m = mean(&turned.iter().collect::<Vec<_>>(), &Options::default()).unwrap();
+        let m = mean(&turned, &Options::default()).unwrap();
         assert!(m.spread > 3.0 && m.warning().unwrap().contains("turned"), "{m:?}");
-        assert!(mean(&[&turned[0]], &Options::default()).is_err());
+        assert!(mean(&turned[..1], &Options::default()).is_err());
     }
 }

@@ -14,17 +14,18 @@ const GROUPS: usize = 72;
 /// Shading across a soft edge moves it by a part of its softness that no residual shows; this much of the softness beyond
 /// [`SHARP_PX`] is added to the centre's standard uncertainty, unless the edge is seen to be the same all round.
 const SOFT_EDGE: f64 = 0.003;
+/// An edge this sharp is a lens's.
+const SHARP_PX: f64 = 3.0;
 /// So does a heat tint that is stronger on one side, where it lies within the edge: how strong it is shows in what of it fades beyond
 /// the rim, and this many times that part of the softness is added.
 const LEANING: f64 = 2.3;
-const SHARP_PX: f64 = 3.0;
+/// What goes on farther than this beyond the rim, as a part of its step, is no longer tint.
+const MOST_TINT: f64 = 0.2;
 /// What fades beyond the rim, more on one side, is taken out by a shape that it only roughly has: this part of what it would have
 /// shifted is left.
 const LEFT: f64 = 0.2;
-/// How much of that a radius may be off besides what is known of its tint.
+/// How much of all that a radius may be off besides what is known of its tint.
 const EVEN: f64 = 0.7;
-/// What goes on farther than this beyond the rim, as a part of its step, is no longer tint.
-const MOST_TINT: f64 = 0.2;
 
 /// Where the edge is looked for.
 #[derive(Debug, Clone, Copy)]
