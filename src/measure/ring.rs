@@ -17,8 +17,10 @@ const SOFT_EDGE: f64 = 0.003;
 /// An edge this sharp is a lens's.
 const SHARP_PX: f64 = 3.0;
 /// So does a heat tint that is stronger on one side, where it lies within the edge: how strong it is shows in what of it fades beyond
-/// the rim, and this many times that part of the softness is added.
+/// the rim, and this many times that part of the softness is added, less for sharper edges.
 const LEANING: f64 = 2.3;
+/// A tint goes on over some tenths of a millimetre. In an edge sharper than this it shows as a level beside it, not as a shift.
+const TINT_MM: f64 = 0.1;
 /// What goes on farther than this beyond the rim, as a part of its step, is no longer tint.
 const MOST_TINT: f64 = 0.2;
 /// What fades beyond the rim, more on one side, is taken out by a shape that it only roughly has: this part of what it would have
@@ -343,7 +345,8 @@ fn finish(
         // A ring's tint lies on either side, a spot's outside: inside it goes on by its own dome.
         let [inside, outside] = step.fades.map(f64::abs);
         let tint = if is_spot { outside } else { outside.max(inside) };
-        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT));
+        let hidden = (step.softness_px * pixel_mm / TINT_MM).powi(2).min(1.0);
+        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT) * hidden);
         let unseen_mm = within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm);
         (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
         covariance[(2, 2)] += (EVEN * unseen_mm).powi(2);
