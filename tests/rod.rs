@@ -1,9 +1,10 @@
-//! `rod` on a machine whose positions are not exact: the interval knows it, and a slip of the pen is named.
+//! `rod` on a machine whose positions are not exact: the interval knows it, and a slip of the pen is named. And which edge is the rim.
 
 use nalgebra::Vector2;
 use pivotsight::camera::Calibration;
-use pivotsight::frame::Picture;
+use pivotsight::frame::{Frame, Gray, Picture};
 use pivotsight::measure::rod::{self, Capture, Options, Report};
+use pivotsight::render::{self, Preset, RodScene};
 use rand::SeedableRng;
 use rand_distr::{Distribution, Normal};
 
@@ -93,4 +94,40 @@ fn exact_positions_show_no_scatter_and_one_slip_is_named_and_left_out() {
             assert!(error < 1.5 * u95 && u95 < 0.002, "{slip_mm}: {error} ± {u95}");
         }
     }
+}
+
+/// On the side away from the light the chamfer is as dark as the table, and its inner edge the only one to be seen: the rim is
+/// found all the same, not a circle through the rim here and the chamfer there, nor the chamfer's.
+#[test]
+fn a_chamfer_dark_on_one_side_is_not_taken_for_the_rim() {
+    let scene = RodScene::preset(Preset::Hard).unwrap();
+    for seed in [4_100_002, 4_100_042] {
+        let made = render::rod::render(&scene, seed).unwrap();
+        let mut captures = Vec::new();
+        let mut frames = Vec::new();
+        for (i, shot) in made.captures.iter().enumerate() {
+            let picture = Picture::decode("rendered", &shot.picture.png().unwrap()).unwrap();
+            let (width, height) = picture.size();
+            let view = made.camera.calibration.view(width, height).unwrap();
+            let place_mm = Vector2::from(shot.machine_mm);
+            captures.push(Capture::in_memory(format!("capture {i}"), place_mm, shot.c_deg));
+            frames.push((picture.into_frame(Options::default().channel), view));
+        }
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let off_mm = report.diameter_mm - made.truth.diameter_mm;
+        assert!(off_mm.abs() < report.diameter_u95_mm.max(0.005), "{seed}: {off_mm} mm");
+    }
+}
+
+#[test]
+fn an_angle_of_which_one_capture_alone_shows_the_rim_is_refused_by_name() {
+    let mut rod = rendered();
+    let last = rod.captures.len() - 1;
+    rod.captures[last - 1..].iter_mut().for_each(|c| c.c_deg = 90.0);
+    let (width, height) = (rod.frames[last].0.width(), rod.frames[last].0.height());
+    let data = vec![90u8; width * height];
+    rod.frames[last].0 = Frame::Eight(Gray { width, height, data });
+    let refused = rod::measure_frames(&rod.captures, &rod.frames, &Options::default());
+    let why = refused.map(|m| m.report.diameter_mm).unwrap_err().to_string();
+    assert!(why.contains("C = 90°") && why.contains("only one of the 2"), "{why}");
 }

@@ -41,21 +41,32 @@ pub(super) fn check(
     ))
 }
 
-/// Refuses a table angle whose captures show hardly any edge on the common circle: its centre would be made of what is left.
-pub(super) fn angles_seen(arcs: &[Arc], captures: &[CaptureReport], c_deg: &[f64]) -> Result<()> {
+/// Refuses a table angle whose captures show hardly any edge on the common circle, or of whose captures one alone does: its centre
+/// would be made of what is left, and the one may show the chamfer. `angle_of` has each capture's index in `c_deg`.
+pub(super) fn angles_seen(
+    captures: &[CaptureReport],
+    angle_of: &[usize],
+    c_deg: &[f64],
+) -> Result<()> {
     for (angle, c_deg) in c_deg.iter().enumerate() {
-        let of_angle = arcs.iter().filter(|arc| arc.angle == angle);
-        let most = of_angle.map(|arc| captures[arc.capture].arc_used).fold(0.0, f64::max);
-        if most < LEAST_SEEN {
-            return Err(Error::measure(
-                format!("the captures at C = {c_deg}°"),
-                format!(
-                    "hardly any of their edges lies on the rod's circle ({:.0} % at most)",
-                    100.0 * most
-                ),
-                "add captures at this angle that show the rim clearly, or leave these out",
-            ));
-        }
+        let own = captures.iter().zip(angle_of).filter(|(_, a)| **a == angle);
+        let shares: Vec<f64> = own.map(|(capture, _)| capture.arc_used).collect();
+        let most = shares.iter().copied().fold(0.0, f64::max);
+        let trouble = if most < LEAST_SEEN {
+            format!(
+                "hardly any of their edges lies on the rod's circle ({:.0} % at most)",
+                100.0 * most
+            )
+        } else if shares.len() > 1 && shares.iter().filter(|s| **s > 0.0).count() == 1 {
+            format!("only one of the {} shows the rim where the rod's circle is", shares.len())
+        } else {
+            continue;
+        };
+        return Err(Error::measure(
+            format!("the captures at C = {c_deg}°"),
+            trouble,
+            "add captures at this angle that show the rim clearly, or leave these out",
+        ));
     }
     Ok(())
 }

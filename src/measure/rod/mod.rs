@@ -138,7 +138,7 @@ pub fn measure_frames(
     };
     let measure = |found: Found| -> Result<Measured> {
         let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
-        let mut measured = finish(captures, options, &c_deg, &arcs, &fitted)?;
+        let mut measured = finish(captures, options, &c_deg, &angle_of, &arcs, &fitted)?;
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
@@ -253,6 +253,7 @@ fn finish(
     captures: &[Capture],
     options: &Options,
     c_deg: &[f64],
+    angle_of: &[usize],
     arcs: &[Arc],
     robust: &Joint,
 ) -> Result<Measured> {
@@ -325,7 +326,7 @@ fn finish(
     let (points, captures_report) =
         agreement::residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
     agreement::check(&refined, &points, &captures_report)?;
-    agreement::angles_seen(arcs, &captures_report, c_deg)?;
+    agreement::angles_seen(&captures_report, angle_of, c_deg)?;
     agreement::arcs_seen(arcs, robust, options, &mut warnings);
     agreement::places_and_form(&refined, &captures_report, options, &mut warnings);
     let sources = budget::Sources {

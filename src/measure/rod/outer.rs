@@ -1,9 +1,9 @@
 //! Which edge is the rod? A chamfer's inner edge is often the stronger one, and on one side of the light the only
-//! strong one: a circle through the rim on one side and the chamfer on the other looks nearly as good.
+//! strong one: a circle through the rim on one side and the chamfer on the other looks as good.
 //!
 //! Every capture's steps of brightness near the circle that was found are read once; circles are then tried all
-//! about it. One that is right lies on a step along every arc, and its neighbours inside (chamfer, turning lines)
-//! share its centre. The outermost that nearly as many captures support as any is the rod.
+//! about it. About the right centre there are two, the rim and the chamfer's edge; about a wrong one there is one at
+//! most. The outermost that over half as many captures support as any is the rod.
 
 use nalgebra::Vector2;
 use rayon::prelude::*;
@@ -21,27 +21,30 @@ const INSIDE_MM: f64 = 0.8;
 const SHIFT_MM: f64 = 0.8;
 /// How far it may be off at the second look: as much as a circle through the rim here and the chamfer there.
 const NEARER_MM: f64 = 0.4;
-/// How far the rod may sit from the axis.
-const ECCENTRIC_MM: f64 = 0.2;
+/// How far apart the rod may be at two table angles: twice as far as it sits from the axis.
+const ECCENTRIC_MM: f64 = 0.5;
 /// Width of a bin of distance: finer than any chamfer, and two pixels at least.
 const BIN_MM: f64 = 0.01;
 const LEAST_BIN_PX: f64 = 2.0;
 /// The same at first, while the centre is not known.
 const FAR_BIN_MM: f64 = 0.02;
+/// Least width of a chamfer that is told from its rim.
+const CHAMFER_MM: f64 = 0.1;
 /// Sectors along each arc.
 const SECTORS: usize = 32;
 /// Bins on either side of a step.
 const STEP: usize = 3;
 /// One sector's step counts for this many standard deviations at most: dirt and glare must not speak for all.
-const LOUDEST: f32 = 3.0;
-/// A capture half believes in an edge of this many standard errors.
-const BELIEVED: f32 = 6.0;
-/// Centres that are looked at closely.
+const LOUDEST: f32 = 10.0;
+/// A capture half believes in an edge of this many standard errors: turning lines and texture have ten.
+const BELIEVED: f32 = 20.0;
+/// Centres that are looked at closely, and how many steps of the first look they are apart: one likely circle must not have all.
 const CLOSER: usize = 12;
-/// Captures that see a circle, as a share of all.
-const LEAST: f32 = 0.4;
+const START_STEPS: f64 = 2.5;
+/// Support that the rod's circle needs, as a share of all captures.
+const LEAST: f32 = 0.17;
 /// Share of the best circle's support that an outer one needs.
-const SUPPORTED: f32 = 0.65;
+const SUPPORTED: f32 = 0.55;
 /// The same for one at the nominal diameter, where no clearer one is.
 const NAMED: f32 = 0.3;
 /// The same for one that is worth a word: texture and shadows have less.
@@ -142,19 +145,35 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The shift, up to `most_mm`, under which the captures agree best on a circle.
+    /// The shift, up to `most_mm`, under which the captures agree best on two circles.
     fn center(&self, most_mm: f64) -> Option<Vector2<f64>> {
-        let value = |shift: Vector2<f64>, fine: bool| {
-            self.support(shift, fine).into_iter().fold(0.0, f32::max)
-        };
+        let value = |shift: Vector2<f64>, fine: bool| self.two_clearest(&self.support(shift, fine));
         let coarse_mm = 4.0 * self.bin_mm;
-        let mut starts: Vec<(f32, Vector2<f64>)> =
+        let mut all: Vec<(f32, Vector2<f64>)> =
             disc(most_mm, coarse_mm).map(|shift| (value(shift, false), shift)).collect();
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        starts.truncate(CLOSER);
-        let refined =
-            starts.into_iter().map(|(_, start)| self.climb(start, |shift| value(shift, true)));
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut starts: Vec<Vector2<f64>> = Vec::with_capacity(CLOSER);
+        for (_, start) in all {
+            let apart = |s: &Vector2<f64>| (s - start).norm() > START_STEPS * coarse_mm;
+            if starts.len() < CLOSER && starts.iter().all(apart) {
+                starts.push(start);
+            }
+        }
+        let refined = starts.into_iter().map(|start| self.climb(start, |shift| value(shift, true)));
         refined.max_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1)
+    }
+
+    /// Support of the two circles about one centre that have most of it, clear of each other: of a rim and its chamfer's edge. A circle
+    /// through the rim on one side and the chamfer on the other has as much as each, but no second beside it.
+    fn two_clearest(&self, support: &[f32]) -> f32 {
+        let gap = (CHAMFER_MM / self.bin_mm).ceil() as usize;
+        let most = |from: &[f32]| from.iter().copied().fold(0.0, f32::max);
+        let clearest = (0..support.len()).max_by(|&a, &b| support[a].total_cmp(&support[b]));
+        clearest.map_or(0.0, |b| {
+            let inside = &support[..b.saturating_sub(gap)];
+            let outside = &support[(b + gap).min(support.len())..];
+            support[b] + most(inside).max(most(outside))
+        })
     }
 
     /// The shift near `start` under which the captures agree best on circles in these bins.
