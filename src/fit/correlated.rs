@@ -83,6 +83,8 @@ const WHITE: Wandering = Wandering {
 
 /// How much wider the interval of an edge that only wanders is than that of a stationary one.
 const UNSTEADY: f64 = 0.4;
+/// The same where each of several pictures shows a part of the edge, in its own light.
+const UNSTEADY_GROUPS: f64 = 0.7;
 
 /// Shares of the wandering part tried.
 const SHARES: [f64; 6] = [0.15, 0.35, 0.6, 0.8, 0.92, 0.98];
@@ -147,7 +149,9 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     }
     // Real wander is not stationary: arcs differ, texture leans one way. Rendered burns of other makers cover
     // 80 % where a stationary edge would 95 %; this much more brings them to where they should be.
-    covariance *= (1.0 + UNSTEADY * share / total).powi(2);
+    let several = rows.group.first() != rows.group.last();
+    let unsteady = if several { UNSTEADY_GROUPS } else { UNSTEADY };
+    covariance *= (1.0 + unsteady * share / total).powi(2);
     let sum = |list: &[Candidate]| list.iter().map(weight).sum::<f64>() / total;
     let mut wander = Wander { white: sum(&candidates[..white]), kernels: Vec::new() };
     for c in &candidates[white..] {
