@@ -1,5 +1,8 @@
 //! `rod` on a machine whose positions are not exact: the interval knows it, and a slip of the pen is named. And which edge is the rim.
 
+#[path = "../examples/accuracy/decoded.rs"]
+mod decoded;
+
 use nalgebra::Vector2;
 use pivotsight::camera::Calibration;
 use pivotsight::frame::{Frame, Gray, Picture};
@@ -103,16 +106,7 @@ fn a_chamfer_dark_on_one_side_is_not_taken_for_the_rim() {
     let scene = RodScene::preset(Preset::Hard).unwrap();
     for seed in [4_100_002, 4_100_042] {
         let made = render::rod::render(&scene, seed).unwrap();
-        let mut captures = Vec::new();
-        let mut frames = Vec::new();
-        for (i, shot) in made.captures.iter().enumerate() {
-            let picture = Picture::decode("rendered", &shot.picture.png().unwrap()).unwrap();
-            let (width, height) = picture.size();
-            let view = made.camera.calibration.view(width, height).unwrap();
-            let place_mm = Vector2::from(shot.machine_mm);
-            captures.push(Capture::in_memory(format!("capture {i}"), place_mm, shot.c_deg));
-            frames.push((picture.into_frame(Options::default().channel), view));
-        }
+        let (captures, frames) = decoded::captures(&made).unwrap();
         let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
         let off_mm = report.diameter_mm - made.truth.diameter_mm;
         assert!(off_mm.abs() < report.diameter_u95_mm.max(0.005), "{seed}: {off_mm} mm");
