@@ -37,16 +37,16 @@ pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
         match kind {
             "burns" => {
                 let scene = BurnScene::preset(preset).expect("a preset is a scene");
-                rows(level, ["offset"], seeds.map(|s| one_burn(&scene, s)).collect());
+                rows(level, ["offset"], seeds.map(|s| (s, one_burn(&scene, s))).collect());
             }
             "circles" => {
                 let scene = BurnScene::preset(preset).expect("a preset is a scene");
-                let answers = seeds.map(|s| two_circles(&scene, s)).collect();
+                let answers = seeds.map(|s| (s, two_circles(&scene, s))).collect();
                 rows(level, ["ring's centre", "spot's centre", "diameters"], answers);
             }
             "rods" => {
                 let scene = RodScene::preset(preset).expect("a preset is a scene");
-                let answers = seeds.map(|s| one_rod(&scene, s)).collect();
+                let answers = seeds.map(|s| (s, one_rod(&scene, s))).collect();
                 let what =
                     ["axis", "diameter", "axis, positions inexact", "diameter, positions inexact"];
                 rows(level, what, answers);
@@ -126,10 +126,13 @@ fn rod_answers(made: &RenderedRod, captures: &[Capture], frames: &[Shown]) -> An
 }
 
 /// One row for each of `what`. The last column compares the stated intervals with those that would hold 95 % of the errors:
-/// the reciprocal of the 95 % quantile of |error| / u95.
-fn rows<const N: usize>(level: &str, what: [&str; N], answers: Vec<Answers<N>>) {
+/// the reciprocal of the 95 % quantile of |error| / u95. With `VERBOSE` set, tells of each picture.
+fn rows<const N: usize>(level: &str, what: [&str; N], answers: Vec<(u64, Answers<N>)>) {
     let all = answers.len();
-    let good: Vec<[Vec<Answer>; N]> = answers.into_iter().filter_map(Result::ok).collect();
+    if std::env::var_os("VERBOSE").is_some() {
+        answers.iter().for_each(|(seed, a)| eprintln!("{level} {seed}: {}", line(what, a)));
+    }
+    let good: Vec<[Vec<Answer>; N]> = answers.into_iter().filter_map(|(_, a)| a.ok()).collect();
     for (k, what) in what.iter().enumerate() {
         let errors: Vec<f64> = good
             .iter()
@@ -149,4 +152,16 @@ fn rows<const N: usize>(level: &str, what: [&str; N], answers: Vec<Answers<N>>) 
             1.0 / quantile(&ratios, 0.95),
         );
     }
+}
+
+fn line<const N: usize>(what: [&str; N], answers: &Answers<N>) -> String {
+    let each = match answers {
+        Ok(each) => each,
+        Err(why) => return format!("refused: {why}"),
+    };
+    let of = |(what, list): (&str, &Vec<Answer>)| {
+        let number = |a: &Answer| format!("{:.3} (u95 {:.3})", 1e3 * a.error_mm, 1e3 * a.u95_mm);
+        format!("{what} off {} µm", list.iter().map(number).collect::<Vec<_>>().join(" "))
+    };
+    what.into_iter().zip(each).map(of).collect::<Vec<_>>().join("; ")
 }
