@@ -26,13 +26,13 @@ struct Answer {
 /// The numbers of one picture: a list for each row of the table.
 type Answers<const N: usize> = Result<[Vec<Answer>; N]>;
 
-/// Prints the table of one kind of picture: `burns`, `circles` or `rods`. `false` for any other.
-pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
+/// Prints the table of one kind of picture, `burns`, `circles` or `rods`, at one level or (empty) all. `false` for any other kind.
+pub fn table(kind: &str, cases: u64, seed: u64, only: &str) -> bool {
     println!(
         "| {kind} | pictures | refused | median µm | 90 % | worst | u95 holds | over 3 u95 | width / needed |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
-    for (level, preset) in LEVELS {
+    for (level, preset) in LEVELS.into_iter().filter(|(l, _)| only.is_empty() || only == *l) {
         let seeds = (0..cases).into_par_iter().map(|i| seed * 100_000 + i);
         match kind {
             "burns" => {

@@ -13,9 +13,9 @@ mod plate;
 mod stats;
 
 const USAGE: &str = "discs [RUNS]
-coverage burns|circles|rods [CASES] [SEED]
+coverage burns|circles|rods [CASES] [SEED] [LEVEL]    (VERBOSE=1: a line for each picture)
+holdout burns|rods [CASES] [SEED] [LEVEL]    (the same)
 hostile [CASES] [SEED]
-holdout burns|rods [CASES] [SEED]    (VERBOSE=1: a line for each picture)
 holdout-picture burn|rod LEVEL SEED FILE    (writes one of them; of a rod, FILE-1.png, FILE-2.png ...)
 picture SORT SEED FILE    (writes one of the hostile pictures)
 discs-for-peers FOLDER [COUNT]    (for tools/peers/discs)";
@@ -26,8 +26,8 @@ fn main() {
     let number = |i: usize, otherwise: u64| word(i).parse().unwrap_or(otherwise);
     match word(0) {
         "discs" => discs::table(number(1, 100)),
-        "coverage" if coverage::table(word(1), number(2, 50), number(3, 1)) => {}
-        "holdout" if holdout::table(word(1), number(2, 40), number(3, 1)) => {}
+        "coverage" if coverage::table(word(1), number(2, 50), number(3, 1), word(4)) => {}
+        "holdout" if holdout::table(word(1), number(2, 40), number(3, 1), word(4)) => {}
         "holdout-picture" if holdout::picture(word(1), word(2), number(3, 1), word(4)) => {}
         "hostile" => hostile::table(number(1, 320), number(2, 1)),
         "picture" => hostile::one(word(1), number(2, 1), word(3)),

@@ -45,6 +45,11 @@ pub struct Rows {
     pub group: Vec<usize>,
     /// How much an observation grows when its group is displaced by one in x, in y; `None` where groups stay in place.
     pub displacement: Option<Vec<Vector2<f64>>>,
+    /// How much wider the interval of an edge that only wanders is than that of a stationary one: real wander is not stationary, arcs
+    /// differ, texture leans one way.
+    pub unsteady: f64,
+    /// Whether that goes for long wander alone, of which an edge shows little.
+    pub unsteady_if_long: bool,
 }
 
 /// The fitted coefficients and what is known of them.
@@ -81,10 +86,8 @@ const WHITE: Wandering = Wandering {
     kernel: Kernel { shape: Shape::Exponential, as_noise: false },
 };
 
-/// How much wider the interval of an edge that only wanders is than that of a stationary one.
-const UNSTEADY: f64 = 0.4;
-/// The same where each of several pictures shows a part of the edge, in its own light.
-const UNSTEADY_GROUPS: f64 = 0.7;
+/// Wander this long, in parts of the edge's extent, is long.
+const LONG: f64 = 0.2;
 
 /// Shares of the wandering part tried.
 const SHARES: [f64; 6] = [0.15, 0.35, 0.6, 0.8, 0.92, 0.98];
@@ -133,13 +136,19 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         }
     }
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
-    let (mut total, mut beta, mut share) = (0.0, DVector::zeros(p), 0.0);
+    let (_, extent) = spacing_and_extent(rows);
+    let unsteady = |w: &Wandering| {
+        let long = (w.length / (LONG * extent)).min(1.0);
+        rows.unsteady * w.share * if rows.unsteady_if_long { long } else { 1.0 }
+    };
+    let (mut total, mut beta, mut share, mut wider) = (0.0, DVector::zeros(p), 0.0, 0.0);
     let weight = |c: &Candidate| (c.log_likelihood - best.log_likelihood).exp();
     for c in &candidates {
         let w = weight(c);
         total += w;
         beta += &c.beta * w;
         share += c.wandering.share * w;
+        wider += unsteady(&c.wandering) * w;
     }
     beta /= total;
     let mut covariance = DMatrix::zeros(p, p);
@@ -147,11 +156,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         let d = &c.beta - &beta;
         covariance += (&c.covariance + &d * d.transpose()) * (weight(c) / total);
     }
-    // Real wander is not stationary: arcs differ, texture leans one way. Rendered burns of other makers cover
-    // 80 % where a stationary edge would 95 %; this much more brings them to where they should be.
-    let several = rows.group.first() != rows.group.last();
-    let unsteady = if several { UNSTEADY_GROUPS } else { UNSTEADY };
-    covariance *= (1.0 + unsteady * share / total).powi(2);
+    covariance *= (1.0 + wider / total).powi(2);
     let sum = |list: &[Candidate]| list.iter().map(weight).sum::<f64>() / total;
     let mut wander = Wander { white: sum(&candidates[..white]), kernels: Vec::new() };
     for c in &candidates[white..] {
@@ -292,6 +297,8 @@ mod tests {
             group: vec![0; angles.len()],
             displacement: None,
             covariance: None,
+            unsteady: 0.4,
+            unsteady_if_long: true,
         }
     }
 

@@ -34,8 +34,8 @@ struct Answer {
     story: String,
 }
 
-/// Prints the table of one kind of picture: `burns` or `rods`. `false` for any other.
-pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
+/// Prints the table of one kind of picture, `burns` or `rods`, at one level or (empty) all. `false` for any other kind.
+pub fn table(kind: &str, cases: u64, seed: u64, only: &str) -> bool {
     let (what, answer): (_, fn(Level, u64) -> Answer) = match kind {
         "burns" => ("pictures", |level, seed| burn_answer(&burn::render(level, seed))),
         "rods" => ("sets", |level, seed| rod_answer(&rod::render(level, seed))),
@@ -45,7 +45,7 @@ pub fn table(kind: &str, cases: u64, seed: u64) -> bool {
         "| holdout {kind} | {what} | refused | median µm | rms µm | worst µm | u95 holds | over 3 u95 | caliper median µm |"
     );
     println!("|---|---|---|---|---|---|---|---|---|");
-    for level in Level::ALL {
+    for level in Level::ALL.into_iter().filter(|l| only.is_empty() || only == l.name()) {
         let seeds = (0..cases).into_par_iter().map(|i| seed * 100_000 + i);
         let answers: Vec<(u64, Answer)> = seeds.map(|s| (s, answer(level, s))).collect();
         if std::env::var_os("VERBOSE").is_some() {
@@ -162,10 +162,14 @@ fn rod_answer(made: &RodSet) -> Answer {
         let options = measure::rod::Options { c_sense: made.c_sense, ..Default::default() };
         let report = measure::rod::measure_frames(&captures, &shown, &options)?.report;
         let (diameter_mm, u95_mm) = (report.diameter_mm, report.diameter_u95_mm);
+        let edge =
+            report.captures.iter().map(|c| format!(" {:.0}@{}", 100.0 * c.arc_used, c.c_deg));
         story += &format!(
-            "; diameter off {:.3} µm, u95 {:.3}",
+            "; diameter off {:.3} µm, u95 {:.3}; form {:.3} µm; % of the edge@C{}",
             1e3 * (diameter_mm - 2.0 * made.radius_mm),
-            1e3 * u95_mm
+            1e3 * u95_mm,
+            1e3 * report.form_rms_mm,
+            edge.collect::<String>()
         );
         let error = Vector2::from(report.axis_center_mm) - centre_mm(made);
         Ok([error.into(), report.axis_center_u95_mm])

@@ -11,8 +11,9 @@ use crate::fit::robust::scatter;
 const DISAGREEMENT_MM: f64 = 0.01;
 /// A turned rim wanders by less than this; edges of two circles taken together wander by more.
 const RAGGED_MM: f64 = 0.006;
-/// Share of a capture's edge that one of each table angle's must have on the circle.
+/// Share of a capture's edge that one of each table angle's must have on the circle, and another of several.
 const LEAST_SEEN: f64 = 0.35;
+const LEAST_SECOND: f64 = 0.2;
 /// Machine positions that scatter by more than this are worth a word, where captures that are in place are this improbable.
 const SCATTER_MM: f64 = 0.001;
 const IN_PLACE: f64 = 0.01;
@@ -57,7 +58,7 @@ pub(super) fn angles_seen(
                 "hardly any of their edges lies on the rod's circle ({:.0} % at most)",
                 100.0 * most
             )
-        } else if shares.len() > 1 && shares.iter().filter(|s| **s > 0.0).count() == 1 {
+        } else if shares.len() > 1 && shares.iter().filter(|s| **s > LEAST_SECOND).count() == 1 {
             format!("only one of the {} shows the rim where the rod's circle is", shares.len())
         } else {
             continue;

@@ -229,6 +229,8 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         // Where every angle has one capture only, they cannot disagree: then positions have to be taken for exact.
         covariance: None,
         displacement: (arcs.len() > angles).then_some(displacement),
+        unsteady: UNSTEADY,
+        unsteady_if_long: false,
     };
     let mut fit = correlated::fit(&rows, None)?;
     for rows in correlated::groups(&group) {
@@ -252,6 +254,9 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
 /// integrate light and where the counts are rounded shows in no residual. So clean renderings of two makers scatter.
 const PLACE_PX: f64 = 0.001;
 const RADIUS_PX: f64 = 0.002;
+
+/// [`Rows::unsteady`] of a rod's rim: each of several captures shows a part of it in its own light.
+const UNSTEADY: f64 = 0.7;
 
 /// Groups of edge points of one arc in the correlated fit.
 const GROUPS_PER_ARC: usize = 30;

@@ -101,6 +101,10 @@ pub fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
+/// Rims that wander by more may be edges of two circles, and as edges of one by this part of it.
+const DOUBTFUL_MM: f64 = 0.002;
+const CLEARER: f64 = 0.5;
+
 /// As [`measure`], from frames already in memory, and as if the camera axis were the laser axis.
 pub fn measure_frames(
     captures: &[Capture],
@@ -142,12 +146,20 @@ pub fn measure_frames(
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
-    let together = find(None).ok_or_else(unseen).and_then(measure);
-    together.or_else(|error| {
-        // A rod far off the axis shows no common circle: each table angle finds its own.
-        let found = apart(c_deg.len(), &angle_of, find).ok_or(error)?;
-        measure(found)
-    })
+    let together = find(None).ok_or_else(unseen).and_then(&measure);
+    if together.as_ref().is_ok_and(|m| m.report.form_rms_mm < DOUBTFUL_MM) {
+        return together;
+    }
+    // A rod far off the axis shows no common circle, or the edges of two: each table angle finds its own.
+    let each = apart(c_deg.len(), &angle_of, find).map(measure);
+    match (together, each) {
+        (Ok(one), Some(Ok(other))) => {
+            let clearer = other.report.form_rms_mm < CLEARER * one.report.form_rms_mm;
+            Ok(if clearer { other } else { one })
+        }
+        (Err(_), Some(each)) => each,
+        (together, _) => together,
+    }
 }
 
 /// The rod's circle at each of several table angles found by itself. `None` where one shows none or they are not of one size.
