@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::circles::measure_candidate;
+use crate::measure::circles::{around, measure_candidate};
 use crate::measure::concentric;
 use crate::measure::ring::{self, Ring, Search};
 
@@ -25,6 +25,9 @@ const CRATER: f64 = 0.4;
 const GLARE: f64 = 0.3;
 /// So soft, as a part of its radius, the edge of what is clipped inside is a glare's.
 const CLIPPED_SOFT: f64 = 0.2;
+/// Radius of an annulus' inner edge as a part of the outer one's, and how many softnesses edges of ring and spot end apart.
+const INNER: (f64, f64) = (0.5, 0.97);
+const SPOT_CLEAR: f64 = 2.5;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
 struct Limits {
@@ -293,9 +296,18 @@ fn measure_ring(
     others.push(spot);
     let good = |ring: &Ring| is_circle(ring, view, &RING);
     let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
-    let inner = inner_edge(outer, edges)
-        .and_then(|c| measure_candidate(frame, view, &c, &others))
-        .filter(|inner| good(inner) && inner.circle.radius < 0.98 * ring.circle.radius);
+    let measure_inner = |c: Candidate| {
+        let (rough, mut search) = around(view, &c, &others);
+        // Inside an annulus the spot's edge may be the stronger one.
+        let spot_px = (spot.circle.center - c.circle.center).norm() + spot.circle.radius;
+        let clear_px = c.circle.radius - spot_px - SPOT_CLEAR * spot.softness_px;
+        search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
+        ring::measure(frame, view, rough, search, None)
+    };
+    let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
+        let is_inner = (INNER.0..0.98).contains(&(inner.circle.radius / ring.circle.radius));
+        good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
+    });
     Some(match inner {
         Some(inner) => concentric::join(ring, &inner),
         None => ring,
@@ -308,7 +320,7 @@ fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
         .iter()
         .filter(|c| {
             c.step * outer.step < 0.0
-                && (0.5..0.97).contains(&(c.circle.radius / outer.circle.radius))
+                && (INNER.0..INNER.1).contains(&(c.circle.radius / outer.circle.radius))
                 && c.score > 0.4 * outer.score
                 && (c.circle.center - outer.circle.center).norm()
                     < 0.02 * outer.circle.radius + c.scatter_px + outer.scatter_px
@@ -329,7 +341,8 @@ fn measure_spot(
         .iter()
         .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
         .map(|c| {
-            c.circle.radius - (c.circle.center - spot.circle.center).norm() - 2.5 * c.softness_px
+            let apart = (c.circle.center - spot.circle.center).norm();
+            c.circle.radius - apart - SPOT_CLEAR * c.softness_px
         })
         .fold(f64::INFINITY, f64::min);
     let c = spot.circle;

@@ -1,6 +1,7 @@
 //! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
 
 mod agreement;
+mod attempts;
 mod budget;
 mod captures;
 mod joint;
@@ -21,9 +22,9 @@ use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
 use crate::measure::ring::{self, CLOSE, GLANCE, Points, Search};
 use crate::uncertainty::{K95, k95};
+use attempts::Attempts;
 use joint::{Arc, Axis, Joint};
 use outer::Found;
-use seek::Voter;
 
 /// One edge point, for `diagnose rod` and for overlays.
 #[derive(Debug, Clone, Copy)]
@@ -101,9 +102,11 @@ pub fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// Rims that wander by more may be edges of two circles, and as edges of one by this part of it.
-const DOUBTFUL_MM: f64 = 0.002;
+/// Rims that wander by more may be edges of two circles, if those of another wander by less than this part of it.
+const DOUBTFUL_MM: f64 = 0.003;
 const CLEARER: f64 = 0.5;
+/// Other centres that are tried then.
+const OTHERS: usize = 2;
 
 /// As [`measure`], from frames already in memory, and as if the camera axis were the laser axis.
 pub fn measure_frames(
@@ -111,20 +114,6 @@ pub fn measure_frames(
     frames: &[(Frame, View)],
     options: &Options,
 ) -> Result<Measured> {
-    use rayon::prelude::*;
-    let voters: Vec<Vec<Voter>> = frames
-        .par_iter()
-        .enumerate()
-        .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
-        .collect();
-    let field = frames
-        .iter()
-        .map(|(f, v)| v.pixel_mm() * f.width().max(f.height()) as f64)
-        .fold(0.0, f64::max);
-    let bounds = match options.diameter_mm {
-        Some(d) => (0.4 * d, 0.6 * d),
-        None => (0.12 * field, 0.12 * field + 4.0 * field),
-    };
     let unseen = || {
         Error::measure(
             "captures",
@@ -133,53 +122,28 @@ pub fn measure_frames(
         )
     };
     let (c_deg, angle_of) = table_angles(captures);
-    let find = |only: Option<usize>| -> Option<Found> {
-        let asked = voters.iter().zip(&angle_of);
-        let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
-        let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
-        let rough = seek::rim(&voters, captures.len(), bounds)?;
-        outer::rim(captures, &angle_of, frames, only, rough, options.diameter_mm)
-    };
+    let attempts = Attempts::new(captures, &angle_of, frames, options.diameter_mm);
     let measure = |found: Found| -> Result<Measured> {
         let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
         let mut measured = finish(captures, options, &c_deg, &angle_of, &arcs, &fitted)?;
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
-    let together = find(None).ok_or_else(unseen).and_then(&measure);
-    if together.as_ref().is_ok_and(|m| m.report.form_rms_mm < DOUBTFUL_MM) {
-        return together;
-    }
-    // A rod far off the axis shows no common circle, or the edges of two: each table angle finds its own.
-    let each = apart(c_deg.len(), &angle_of, find).map(measure);
-    match (together, each) {
-        (Ok(one), Some(Ok(other))) => {
-            let clearer = other.report.form_rms_mm < CLEARER * one.report.form_rms_mm;
-            Ok(if clearer { other } else { one })
+    let mut best = attempts.likeliest(0).ok_or_else(unseen).and_then(&measure);
+    // Edges of two circles taken for one wander about it, or miss it.
+    let doubtful = |m: &Measured| m.report.form_rms_mm >= DOUBTFUL_MM;
+    for other in 0..=OTHERS {
+        if !best.as_ref().map_or(true, doubtful) {
+            break;
         }
-        (Err(_), Some(each)) => each,
-        (together, _) => together,
+        let found = if other == 0 { attempts.apart() } else { attempts.likeliest(other) };
+        let Some(Ok(other)) = found.map(&measure) else { continue };
+        let clearer = |m: &Measured| other.report.form_rms_mm < CLEARER * m.report.form_rms_mm;
+        if best.as_ref().map_or(true, clearer) {
+            best = Ok(other);
+        }
     }
-}
-
-/// The rod's circle at each of several table angles found by itself. `None` where one shows none or they are not of one size.
-fn apart(
-    angles: usize,
-    angle_of: &[usize],
-    find: impl Fn(Option<usize>) -> Option<Found>,
-) -> Option<Found> {
-    /// Circles that differ by more are not those of one rod.
-    const ONE_ROD_MM: f64 = 0.05;
-    let seen_often = |angle: usize| angle_of.iter().filter(|a| **a == angle).count() > 1;
-    if angles < 2 || !(0..angles).all(seen_often) {
-        return None;
-    }
-    let mut each = (0..angles).map(|angle| find(Some(angle))).collect::<Option<Vec<Found>>>()?;
-    let centers = each.iter().enumerate().map(|(angle, found)| found.centers[angle]).collect();
-    each.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
-    let middle = each.swap_remove(angles / 2);
-    let alike = each.iter().all(|f| (f.radius_mm - middle.radius_mm).abs() < ONE_ROD_MM);
-    alike.then_some(Found { centers, ..middle })
+    best
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.

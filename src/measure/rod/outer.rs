@@ -63,13 +63,14 @@ pub(super) struct Found {
 }
 
 /// The rod's circle near `rough` in the captures of one table angle or of `None` in particular, where `nominal_mm` may say which of
-/// its edges is meant: about one centre first, then for each table angle its own, for the rod may be eccentric. `None`
-/// where the captures agree on no circle.
+/// its edges is meant: about one centre first, the likeliest or one that `likelier` others come before, then for each table angle
+/// its own, for the rod may be eccentric. `None` where the captures agree on no circle.
 pub(super) fn rim(
     captures: &[Capture],
     angle_of: &[usize],
     frames: &[(Frame, View)],
     only: Option<usize>,
+    likelier: usize,
     rough: Circle,
     nominal_mm: Option<f64>,
 ) -> Option<Found> {
@@ -88,12 +89,13 @@ pub(super) fn rim(
     // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
     let far_mm = bin_mm.max(FAR_BIN_MM);
     let far = look(rough, far_mm);
-    let shift = Search { bin_mm: far_mm, sights: far.iter().collect() }.center(SHIFT_MM)?;
+    let far = Search { bin_mm: far_mm, sights: far.iter().collect() };
+    let shift = *far.centers(SHIFT_MM).get(likelier)?;
     let about = Circle { center: rough.center + shift, ..rough };
     let sights = look(about, bin_mm);
     let inside_mm = sights.first()?.inside_mm;
     let all = Search { bin_mm, sights: sights.iter().collect() };
-    let shift = all.center(NEARER_MM)?;
+    let shift = *all.centers(NEARER_MM).first()?;
     let support = all.support(shift, true);
     let most = support.iter().copied().fold(0.0, f32::max);
     if most < LEAST * sights.len() as f32 {
@@ -145,8 +147,8 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// The shift, up to `most_mm`, under which the captures agree best on two circles.
-    fn center(&self, most_mm: f64) -> Option<Vector2<f64>> {
+    /// The shifts, up to `most_mm`, under which the captures agree best on two circles, likeliest first, clear of each other.
+    fn centers(&self, most_mm: f64) -> Vec<Vector2<f64>> {
         let value = |shift: Vector2<f64>, fine: bool| self.two_clearest(&self.support(shift, fine));
         let coarse_mm = 4.0 * self.bin_mm;
         let mut all: Vec<(f32, Vector2<f64>)> =
@@ -159,8 +161,16 @@ impl Search<'_> {
                 starts.push(start);
             }
         }
-        let refined = starts.into_iter().map(|start| self.climb(start, |shift| value(shift, true)));
-        refined.max_by(|a, b| a.0.total_cmp(&b.0)).map(|b| b.1)
+        let refine = |start| self.climb(start, |shift| value(shift, true));
+        let mut refined: Vec<(f32, Vector2<f64>)> = starts.into_iter().map(refine).collect();
+        refined.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut centers: Vec<Vector2<f64>> = Vec::with_capacity(CLOSER);
+        for (_, center) in refined {
+            if centers.iter().all(|c| (c - center).norm() > CHAMFER_MM) {
+                centers.push(center);
+            }
+        }
+        centers
     }
 
     /// Support of the two circles about one centre that have most of it, clear of each other: of a rim and its chamfer's edge. A circle

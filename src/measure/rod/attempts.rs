@@ -1,0 +1,85 @@
+//! Where the rod's circle may be: the likeliest places first, about one centre or at each table angle by itself.
+
+use rayon::prelude::*;
+
+use crate::camera::View;
+use crate::fit::Circle;
+use crate::frame::Frame;
+use crate::measure::rod::Capture;
+use crate::measure::rod::outer::{self, Found};
+use crate::measure::rod::seek::{self, Voter};
+
+/// Circles at two table angles that differ by more are not those of one rod.
+const ONE_ROD_MM: f64 = 0.05;
+
+/// What circles are sought in.
+pub(super) struct Attempts<'a> {
+    captures: &'a [Capture],
+    angle_of: &'a [usize],
+    frames: &'a [(Frame, View)],
+    nominal_mm: Option<f64>,
+    /// Edges of each capture.
+    voters: Vec<Vec<Voter>>,
+    /// Least and most radius.
+    bounds_mm: (f64, f64),
+}
+
+impl<'a> Attempts<'a> {
+    /// Reads the captures' edges.
+    pub(super) fn new(
+        captures: &'a [Capture],
+        angle_of: &'a [usize],
+        frames: &'a [(Frame, View)],
+        nominal_mm: Option<f64>,
+    ) -> Self {
+        let each = frames.par_iter().enumerate();
+        let voters = each
+            .map(|(i, (frame, view))| seek::voters(frame, view, captures[i].position_mm, i))
+            .collect();
+        let field_mm = frames
+            .iter()
+            .map(|(f, v)| v.pixel_mm() * f.width().max(f.height()) as f64)
+            .fold(0.0, f64::max);
+        let bounds_mm = match nominal_mm {
+            Some(d) => (0.4 * d, 0.6 * d),
+            None => (0.12 * field_mm, 0.12 * field_mm + 4.0 * field_mm),
+        };
+        Self { captures, angle_of, frames, nominal_mm, voters, bounds_mm }
+    }
+
+    /// The circle that all captures together show, about the likeliest centre or one that `likelier` others come before.
+    pub(super) fn likeliest(&self, likelier: usize) -> Option<Found> {
+        self.rim(likelier, self.rough(None)?, None)
+    }
+
+    /// The circle at each of several table angles found by itself: a rod far off the axis shows no common one. `None` where one
+    /// shows none or they are not of one size.
+    pub(super) fn apart(&self) -> Option<Found> {
+        let angles = self.angle_of.iter().max()? + 1;
+        let seen_often = |angle: usize| self.angle_of.iter().filter(|a| **a == angle).count() > 1;
+        if angles < 2 || !(0..angles).all(seen_often) {
+            return None;
+        }
+        let found = |angle| self.rim(0, self.rough(Some(angle))?, Some(angle));
+        let mut each = (0..angles).map(found).collect::<Option<Vec<Found>>>()?;
+        let centers = each.iter().enumerate().map(|(angle, found)| found.centers[angle]).collect();
+        each.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
+        let middle = each.swap_remove(angles / 2);
+        let alike = each.iter().all(|f| (f.radius_mm - middle.radius_mm).abs() < ONE_ROD_MM);
+        alike.then_some(Found { centers, ..middle })
+    }
+
+    /// Roughly where the edges of the captures, of one table angle `only` or of all, agree on a circle.
+    fn rough(&self, only: Option<usize>) -> Option<Circle> {
+        let asked = self.voters.iter().zip(self.angle_of);
+        let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
+        let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
+        seek::rim(&voters, self.captures.len(), self.bounds_mm)
+    }
+
+    /// The circle near a rough one.
+    fn rim(&self, likelier: usize, rough: Circle, only: Option<usize>) -> Option<Found> {
+        let Self { captures, angle_of, frames, nominal_mm, .. } = *self;
+        outer::rim(captures, angle_of, frames, only, likelier, rough, nominal_mm)
+    }
+}
