@@ -5,10 +5,10 @@
 mod burn;
 mod caliper;
 mod contour;
-mod dice;
+pub mod dice;
 mod dirt;
 mod optics;
-mod rod;
+pub mod rod;
 mod texture;
 
 use nalgebra::{DVector, Rotation2, Vector2};
@@ -26,9 +26,9 @@ use optics::{HEIGHT_PX, WIDTH_PX};
 use rod::RodSet;
 
 /// How one picture or set was answered.
-struct Answer {
+pub struct Answer {
     /// Error and its u95, or why there is none.
-    result: std::result::Result<[[f64; 2]; 2], String>,
+    pub result: std::result::Result<[[f64; 2]; 2], String>,
     /// Error of the plain caliper.
     caliper_mm: Option<f64>,
     story: String,
@@ -138,7 +138,8 @@ fn burn_caliper_mm(made: &BurnPicture) -> Option<f64> {
     Some((offset - truth_mm(made)).norm())
 }
 
-fn rod_answer(made: &RodSet) -> Answer {
+/// How the captures of one rod are answered.
+pub fn rod_answer(made: &RodSet) -> Answer {
     let frames = || -> Result<Vec<Frame>> {
         let each = made.shots.iter().map(|shot| Picture::decode("holdout", &shot.photo.pgm()));
         each.map(|picture| Ok(picture?.into_frame(Channel::Luminance))).collect()
