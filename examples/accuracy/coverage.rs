@@ -26,8 +26,11 @@ struct Answer {
 /// The numbers of one picture: a list for each row of the table.
 type Answers<const N: usize> = Result<[Vec<Answer>; N]>;
 
-/// Prints the table of one kind of picture, `burns`, `circles` or `rods`, at one level or (empty) all. `false` for any other kind.
+/// Prints the table of one kind of picture, `burns`, `circles` or `rods`, at one level or (empty) all. `false` for any other.
 pub fn table(kind: &str, cases: u64, seed: u64, only: &str) -> bool {
+    if !only.is_empty() && !LEVELS.iter().any(|(level, _)| only == *level) {
+        return false;
+    }
     println!(
         "| {kind} | pictures | refused | median µm | 90 % | worst | u95 holds | over 3 u95 | width / needed |"
     );

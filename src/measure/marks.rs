@@ -212,6 +212,11 @@ fn concentric(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
 }
 
+/// How far the small circle lies inside the large one, where their outlines are nearest.
+fn gap_px(large: &Circle, small: &Circle) -> f64 {
+    large.radius - (large.center - small.center).norm() - small.radius
+}
+
 /// Whether two circles' outlines meet, or come as close as `reach_px`.
 fn cross(large: &Circle, small: &Circle, reach_px: f64) -> bool {
     ((large.center - small.center).norm() - large.radius).abs() < small.radius + reach_px
@@ -299,8 +304,7 @@ fn measure_ring(
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);
         // Inside an annulus the spot's edge may be the stronger one.
-        let spot_px = (spot.circle.center - c.circle.center).norm() + spot.circle.radius;
-        let clear_px = c.circle.radius - spot_px - SPOT_CLEAR * spot.softness_px;
+        let clear_px = gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * spot.softness_px;
         search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
         ring::measure(frame, view, rough, search, None)
     };
@@ -337,13 +341,10 @@ fn measure_spot(
     edges: &[Candidate],
 ) -> Option<Ring> {
     // The spot's band ends where the ring's next edge begins.
-    let reach = edges
+    let clear_px = edges
         .iter()
         .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
-        .map(|c| {
-            let apart = (c.circle.center - spot.circle.center).norm();
-            c.circle.radius - apart - SPOT_CLEAR * c.softness_px
-        })
+        .map(|c| gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * c.softness_px)
         .fold(f64::INFINITY, f64::min);
     let c = spot.circle;
     let rough = Circle {
@@ -353,7 +354,7 @@ fn measure_spot(
     let search = Search {
         reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
         inside_limit_px: 0.95 * c.radius,
-        outside_limit_px: (reach - c.radius).clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
+        outside_limit_px: clear_px.clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
         softness_px: spot.softness_px.max(1.5),
     };
     let measure = |search| ring::measure(frame, view, rough, search, Some(&ring.wander));

@@ -34,13 +34,16 @@ pub struct Answer {
     story: String,
 }
 
-/// Prints the table of one kind of picture, `burns` or `rods`, at one level or (empty) all. `false` for any other kind.
+/// Prints the table of one kind of picture, `burns` or `rods`, at one level or (empty) all. `false` for any other.
 pub fn table(kind: &str, cases: u64, seed: u64, only: &str) -> bool {
     let (what, answer): (_, fn(Level, u64) -> Answer) = match kind {
         "burns" => ("pictures", |level, seed| burn_answer(&burn::render(level, seed))),
         "rods" => ("sets", |level, seed| rod_answer(&rod::render(level, seed))),
         _ => return false,
     };
+    if !only.is_empty() && Level::named(only).is_none() {
+        return false;
+    }
     println!(
         "| holdout {kind} | {what} | refused | median µm | rms µm | worst µm | u95 holds | over 3 u95 | caliper median µm |"
     );

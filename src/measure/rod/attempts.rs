@@ -6,7 +6,7 @@ use crate::camera::View;
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
-use crate::measure::rod::outer::{self, Found};
+use crate::measure::rod::outer::{self, Captures, Found};
 use crate::measure::rod::seek::{self, Voter};
 
 /// Circles at two table angles that differ by more are not those of one rod.
@@ -47,9 +47,14 @@ impl<'a> Attempts<'a> {
         Self { captures, angle_of, frames, nominal_mm, voters, bounds_mm }
     }
 
-    /// The circle that all captures together show, about the likeliest centre or one that `likelier` others come before.
-    pub(super) fn likeliest(&self, likelier: usize) -> Option<Found> {
-        self.rim(likelier, self.rough(None)?, None)
+    /// Circles about which all captures together may show the rod, likeliest first.
+    pub(super) fn likely(&self) -> Vec<Circle> {
+        self.likely_in(None)
+    }
+
+    /// The rod's circle near one of those.
+    pub(super) fn rim(&self, about: Circle) -> Option<Found> {
+        outer::rim(self.seen(None), about, self.nominal_mm)
     }
 
     /// The circle at each of several table angles found by itself: a rod far off the axis shows no common one. `None` where one
@@ -60,7 +65,10 @@ impl<'a> Attempts<'a> {
         if angles < 2 || !(0..angles).all(seen_often) {
             return None;
         }
-        let found = |angle| self.rim(0, self.rough(Some(angle))?, Some(angle));
+        let found = |angle| {
+            let about = *self.likely_in(Some(angle)).first()?;
+            outer::rim(self.seen(Some(angle)), about, self.nominal_mm)
+        };
         let mut each = (0..angles).map(found).collect::<Option<Vec<Found>>>()?;
         let centers = each.iter().enumerate().map(|(angle, found)| found.centers[angle]).collect();
         each.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
@@ -69,17 +77,17 @@ impl<'a> Attempts<'a> {
         alike.then_some(Found { centers, ..middle })
     }
 
-    /// Roughly where the edges of the captures, of one table angle `only` or of all, agree on a circle.
-    fn rough(&self, only: Option<usize>) -> Option<Circle> {
+    /// Likely circles in the captures of one table angle `only` or in all.
+    fn likely_in(&self, only: Option<usize>) -> Vec<Circle> {
         let asked = self.voters.iter().zip(self.angle_of);
         let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
         let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
-        seek::rim(&voters, self.captures.len(), self.bounds_mm)
+        let rough = seek::rim(&voters, self.captures.len(), self.bounds_mm);
+        rough.map_or_else(Vec::new, |rough| outer::likely(self.seen(only), rough))
     }
 
-    /// The circle near a rough one.
-    fn rim(&self, likelier: usize, rough: Circle, only: Option<usize>) -> Option<Found> {
-        let Self { captures, angle_of, frames, nominal_mm, .. } = *self;
-        outer::rim(captures, angle_of, frames, only, likelier, rough, nominal_mm)
+    fn seen(&self, only: Option<usize>) -> Captures<'_> {
+        let Self { captures, angle_of, frames, .. } = *self;
+        Captures { captures, angle_of, frames, only }
     }
 }

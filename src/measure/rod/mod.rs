@@ -129,14 +129,16 @@ pub fn measure_frames(
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
-    let mut best = attempts.likeliest(0).ok_or_else(unseen).and_then(&measure);
+    let likely = attempts.likely();
+    let about = |nth: usize| likely.get(nth).and_then(|circle| attempts.rim(*circle));
+    let mut best = about(0).ok_or_else(unseen).and_then(&measure);
     // Edges of two circles taken for one wander about it, or miss it.
     let doubtful = |m: &Measured| m.report.form_rms_mm >= DOUBTFUL_MM;
     for other in 0..=OTHERS {
         if !best.as_ref().map_or(true, doubtful) {
             break;
         }
-        let found = if other == 0 { attempts.apart() } else { attempts.likeliest(other) };
+        let found = if other == 0 { attempts.apart() } else { about(other) };
         let Some(Ok(other)) = found.map(&measure) else { continue };
         let clearer = |m: &Measured| other.report.form_rms_mm < CLEARER * m.report.form_rms_mm;
         if best.as_ref().map_or(true, clearer) {

@@ -62,37 +62,54 @@ pub(super) struct Found {
     pub fainter_mm: Option<f64>,
 }
 
-/// The rod's circle near `rough` in the captures of one table angle or of `None` in particular, where `nominal_mm` may say which of
-/// its edges is meant: about one centre first, the likeliest or one that `likelier` others come before, then for each table angle
-/// its own, for the rod may be eccentric. `None` where the captures agree on no circle.
-pub(super) fn rim(
-    captures: &[Capture],
-    angle_of: &[usize],
-    frames: &[(Frame, View)],
-    only: Option<usize>,
-    likelier: usize,
-    rough: Circle,
-    nominal_mm: Option<f64>,
-) -> Option<Found> {
-    let pixel_mm = frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / frames.len() as f64;
-    let bin_mm = BIN_MM.max(LEAST_BIN_PX * pixel_mm);
-    let look = |about: Circle, bin_mm: f64| -> Vec<Sight> {
-        let each = captures.par_iter().zip(angle_of).zip(frames);
-        let asked = each.filter(|((_, angle), _)| only.is_none_or(|only| **angle == only));
+/// The captures in which a circle is looked for: of one table angle, or all.
+#[derive(Clone, Copy)]
+pub(super) struct Captures<'a> {
+    pub captures: &'a [Capture],
+    pub angle_of: &'a [usize],
+    pub frames: &'a [(Frame, View)],
+    pub only: Option<usize>,
+}
+
+impl Captures<'_> {
+    fn pixel_mm(&self) -> f64 {
+        self.frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / self.frames.len() as f64
+    }
+
+    /// Bins as wide as pixels of the captures ask for.
+    fn bin_mm(&self) -> f64 {
+        BIN_MM.max(LEAST_BIN_PX * self.pixel_mm())
+    }
+
+    /// The steps of brightness about a circle in machine coordinates.
+    fn sights(&self, about: Circle, bin_mm: f64) -> Vec<Sight> {
+        let pixel_mm = self.pixel_mm();
+        let each = self.captures.par_iter().zip(self.angle_of).zip(self.frames);
+        let asked = each.filter(|((_, angle), _)| self.only.is_none_or(|only| **angle == only));
         asked
             .filter_map(|((capture, &angle), (frame, view))| {
                 let about = Circle { center: about.center - capture.position_mm, ..about };
                 Sight::new(frame, view, about, [pixel_mm, bin_mm], angle)
             })
             .collect()
-    };
-    // Far from the centre a shift bends the arcs: once it is known roughly, look again from there.
-    let far_mm = bin_mm.max(FAR_BIN_MM);
-    let far = look(rough, far_mm);
-    let far = Search { bin_mm: far_mm, sights: far.iter().collect() };
-    let shift = *far.centers(SHIFT_MM).get(likelier)?;
-    let about = Circle { center: rough.center + shift, ..rough };
-    let sights = look(about, bin_mm);
+    }
+}
+
+/// Circles near `rough` about the centres that are likeliest at a first look, best first: far from the centre a shift bends the arcs;
+/// once it is known roughly, [`rim`] looks again from there.
+pub(super) fn likely(seen: Captures, rough: Circle) -> Vec<Circle> {
+    let bin_mm = seen.bin_mm().max(FAR_BIN_MM);
+    let sights = seen.sights(rough, bin_mm);
+    let search = Search { bin_mm, sights: sights.iter().collect() };
+    let shifts = search.centers(SHIFT_MM);
+    shifts.into_iter().map(|shift| Circle { center: rough.center + shift, ..rough }).collect()
+}
+
+/// The rod's circle near `about` in the captures, where `nominal_mm` may say which of its edges is meant: about one centre first, then
+/// for each table angle its own, for the rod may be eccentric. `None` where the captures agree on no circle.
+pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Option<Found> {
+    let bin_mm = seen.bin_mm();
+    let sights = seen.sights(about, bin_mm);
     let inside_mm = sights.first()?.inside_mm;
     let all = Search { bin_mm, sights: sights.iter().collect() };
     let shift = *all.centers(NEARER_MM).first()?;
@@ -124,7 +141,7 @@ pub(super) fn rim(
     let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
     let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b > outer + 10);
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
-    let angles = angle_of.iter().max()? + 1;
+    let angles = seen.angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
         let own: Vec<&Sight> = sights.iter().filter(|s| s.angle == a).collect();
         // An angle that shows nothing at all is refused by name when its edges are followed.
