@@ -4,14 +4,14 @@
 //! the power is known, pictures are divided by its root (whitened): what is left of the texture is independent from
 //! pixel to pixel, and least squares weighs each frequency by what it knows.
 //!
-//! A surface of the size of a mark does not tell its power frequency by frequency (weights learnt so follow its accidents). It tells four
-//! numbers: the covariance is taken for `a exp(-|u| / along - |v| / across)` over the distances u along the lines and v
-//! across, and noise beside.
+//! A surface of the size of a mark does not tell its power frequency by frequency (weights learnt so follow its accidents). It tells a few
+//! numbers: the covariance is taken for one or two of `a exp(-|u| / along - |v| / across)` over the distances u along the lines and v
+//! across (long lines lie among short ones), and noise beside.
 
 use std::f64::consts::{PI, TAU};
 use std::sync::Arc;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 use rustfft::num_complex::Complex;
 use rustfft::{Fft, FftPlanner};
 
@@ -23,6 +23,10 @@ const ALONG: usize = 7;
 const ACROSS: usize = 5;
 /// Least noise as a part of the whole variance.
 const LEAST: f64 = 0.02;
+/// Most variance of the lines as a part of the whole: what was taken out as the level may have been theirs.
+const MOST: f64 = 3.0;
+/// Least part of two kinds of lines in which they differ.
+const ALIKE: f64 = 1e-3;
 
 /// The root of a texture's power, and how to divide square pictures by it.
 pub(super) struct Texture {
@@ -125,46 +129,75 @@ struct Lag {
     value: f64,
 }
 
-/// The covariance's numbers.
+/// One kind of lines: how long and how wide they are, and their variance.
 #[derive(Debug, Clone, Copy)]
-struct Lines {
-    direction_rad: f64,
+struct Kind {
     along: f64,
     across: f64,
     size: f64,
+}
+
+/// The covariance's numbers: up to two kinds of lines of one direction.
+#[derive(Debug, Clone)]
+struct Lines {
+    direction_rad: f64,
+    kinds: Vec<Kind>,
     noise: f64,
 }
 
 impl Lines {
     /// Those that fit best, a constant aside: what was taken out as the level is missing everywhere.
     fn of(lags: &[Lag], variance: f64) -> Option<Self> {
-        let total: f64 = lags.iter().map(|l| l.count).sum();
-        let mean = lags.iter().map(|l| l.count * l.value).sum::<f64>() / total;
+        let root = DVector::from_iterator(lags.len(), lags.iter().map(|l| l.count.sqrt()));
+        let mean = root.normalize();
+        let free = |v: DVector<f64>| &v - &mean * mean.dot(&v);
+        let weighted = |f: &dyn Fn(&Lag) -> f64| {
+            free(DVector::from_iterator(lags.len(), lags.iter().map(f)).component_mul(&root))
+        };
+        let seen = weighted(&|l| l.value);
+        let lengths: Vec<(f64, f64)> = (0..ACROSS)
+            .map(|i| 0.7 * 2f64.powi(i as i32))
+            .flat_map(|across| (0..ALONG).map(move |i| (2f64.powi(i as i32), across)))
+            .filter(|(along, across)| along >= across)
+            .collect();
         let mut best: Option<(f64, Self)> = None;
         for direction in 0..DIRECTIONS {
             let direction_rad = PI * direction as f64 / DIRECTIONS as f64;
             let (s, c) = direction_rad.sin_cos();
-            for across in (0..ACROSS).map(|i| 0.7 * 2f64.powi(i as i32)) {
-                for along in (0..ALONG).map(|i| 2f64.powi(i as i32)).filter(|a| *a >= across) {
-                    let shape = |l: &Lag| {
-                        let (u, v) = (c * l.x + s * l.y, c * l.y - s * l.x);
-                        (-u.abs() / along - v.abs() / across).exp()
+            let shape = |&(along, across): &(f64, f64)| {
+                weighted(&|l| {
+                    let (u, v) = (c * l.x + s * l.y, c * l.y - s * l.x);
+                    (-u.abs() / along - v.abs() / across).exp()
+                })
+            };
+            let shapes: Vec<DVector<f64>> = lengths.iter().map(shape).collect();
+            let products: Vec<f64> = shapes.iter().map(|e| e.dot(&seen)).collect();
+            let mut offer = |explained: f64, found: &[(usize, f64)]| {
+                if best.as_ref().is_none_or(|(most, _)| explained > *most) {
+                    let total: f64 = found.iter().map(|(_, size)| size).sum();
+                    let part = (MOST * variance / total).min(1.0);
+                    let kind = |&(i, size): &(usize, f64)| {
+                        let (along, across) = lengths[i];
+                        Kind { along, across, size: part * size }
                     };
-                    let (mut sum, mut square, mut product) = (0.0, 0.0, 0.0);
-                    for lag in lags {
-                        let e = shape(lag);
-                        sum += lag.count * e;
-                        square += lag.count * e * e;
-                        product += lag.count * e * (lag.value - mean);
-                    }
-                    let square = square - sum * sum / total;
-                    let size = product / square;
-                    let explained = product * size;
-                    if size > 0.0 && best.is_none_or(|(most, _)| explained > most) {
-                        let size = size.min(3.0 * variance);
-                        let noise = (variance - size).max(LEAST * variance);
-                        best =
-                            Some((explained, Self { direction_rad, along, across, size, noise }));
+                    let kinds = found.iter().map(kind).collect();
+                    let noise = (variance - part * total).max(LEAST * variance);
+                    best = Some((explained, Self { direction_rad, kinds, noise }));
+                }
+            };
+            for (i, e) in shapes.iter().enumerate() {
+                let own = e.norm_squared();
+                if products[i] > 0.0 {
+                    offer(products[i] * products[i] / own, &[(i, products[i] / own)]);
+                }
+                for (j, f) in shapes.iter().enumerate().skip(i + 1) {
+                    let (other, both) = (f.norm_squared(), e.dot(f));
+                    let left = own * other - both * both;
+                    let a = (other * products[i] - both * products[j]) / left;
+                    let b = (own * products[j] - both * products[i]) / left;
+                    // Two that are nearly alike say nothing of either.
+                    if left > ALIKE * own * other && a > 0.0 && b > 0.0 {
+                        offer(a * products[i] + b * products[j], &[(i, a), (j, b)]);
                     }
                 }
             }
@@ -176,6 +209,7 @@ impl Lines {
     fn power(&self, x: f64, y: f64) -> f64 {
         let (s, c) = self.direction_rad.sin_cos();
         let one = |length: f64, frequency: f64| 2.0 * length / (1.0 + (length * frequency).powi(2));
-        self.size * one(self.along, c * x + s * y) * one(self.across, c * y - s * x) + self.noise
+        let of = |k: &Kind| k.size * one(k.along, c * x + s * y) * one(k.across, c * y - s * x);
+        self.kinds.iter().map(of).sum::<f64>() + self.noise
     }
 }
