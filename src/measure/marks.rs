@@ -9,38 +9,30 @@ use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::circles::{around, measure_candidate};
 use crate::measure::concentric;
-use crate::measure::ring::{self, Ring, Search};
+use crate::measure::ring::{self, Ring};
+use crate::measure::spot::{self, SPOT_CLEAR};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
-/// A spot's step as a part of the ring's: a glow about the ring is fainter.
-const LEAST_STEP: f64 = 0.05;
 /// A ring's step as a part of another's that has no spot.
 const FAINT: f64 = 0.05;
-/// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
-const ON_EDGE: f64 = 2.0;
-/// How far inside a spot's edge is looked, in radii, where all of it led to another edge.
-const CRATER: f64 = 0.4;
-/// As soft as this part of its radius a circle may well be a glare instead of a spot.
-const GLARE: f64 = 0.3;
-/// So soft, as a part of its radius, the edge of what is clipped inside is a glare's.
-const CLIPPED_SOFT: f64 = 0.2;
-/// Radius of an annulus' inner edge as a part of the outer one's, and how many softnesses edges of ring and spot end apart.
+/// So soft, as a part of its radius, the edge of what is clipped inside is a glare's: where it is broken, and where it is whole.
+const CLIPPED_SOFT: (f64, f64) = (0.1, 0.2);
+const WHOLE: f64 = 0.95;
+/// Radius of an annulus' inner edge as a part of the outer one's.
 const INNER: (f64, f64) = (0.5, 0.97);
-const SPOT_CLEAR: f64 = 2.5;
 /// What a mark must keep to: a burn may be ragged, but a glare's border is no circle, and lines of texture that happen
 /// to lie about one do not say where it is.
-struct Limits {
-    coverage: f64,
+pub(super) struct Limits {
+    pub coverage: f64,
     /// Its own form (rms) as a part of its radius; less where less of it is seen.
-    form: f64,
+    pub form: f64,
     /// The standard deviation of its centre, as far as its edge tells it, as a part of its radius.
-    doubt: f64,
+    pub doubt: f64,
     /// The same with what a tint may have moved it: a glare fades away all round, and what is left says little.
-    in_all: f64,
+    pub in_all: f64,
 }
 const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02, in_all: 0.1 };
-const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 
 /// Ring, spot and what a user should know.
 pub(super) type Marks = (Ring, Ring, Vec<String>);
@@ -83,7 +75,7 @@ pub(super) fn measure(
         if !stands_out(outer, Sides::Edge) {
             continue;
         }
-        let spots = spot_candidates(&look, outer);
+        let spots = spot::candidates(&look, outer);
         if spots.is_empty() {
             lone_step = lone_step.max(outer.step.abs());
             continue;
@@ -98,9 +90,13 @@ pub(super) fn measure(
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
         let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
         let likeliest = clear.peek().copied();
+        let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
+        // What is likeliest is not left for what is easier to measure.
+        let nearby =
+            |s| likeliest.filter(|l| std::ptr::eq(*l, s)).and_then(|l| inside.measure_nearby(l));
         let measured = clear
-            .filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer)))
-            .find_map(|s| measure_spot(frame, view, s, &ring, &edges));
+            .filter(|s| likeliest.is_some_and(|l| spot::may_stand_for(l, s, outer)))
+            .find_map(|s| inside.measure(s).or_else(|| nearby(s)));
         let Some(spot) = measured else {
             lone_step = lone_step.max(outer.step.abs());
             break; // The ring is there; a worse one with a better spot would be a wrong answer.
@@ -140,15 +136,17 @@ fn two_burns(subject: &str, one: &Candidate, other: &Candidate) -> Error {
 }
 
 /// Whether a candidate's edge runs along its circle rather than wandering about it.
-fn is_steady(c: &Candidate) -> bool {
+pub(super) fn is_steady(c: &Candidate) -> bool {
     c.scatter_px < 0.035 * c.circle.radius + 4.0 && c.step.abs() > 0.0
 }
 
 /// Whether what was measured is a circle with some ragged edge rather than something else.
-fn is_circle(ring: &Ring, view: &View, limits: &Limits) -> bool {
+pub(super) fn is_circle(ring: &Ring, view: &View, limits: &Limits) -> bool {
     let radius_mm = ring.circle.radius;
-    let soft = ring.softness_px * view.pixel_mm() > CLIPPED_SOFT * radius_mm;
-    let glare = ring.clipped_inside && (ring.arc_coverage < 0.95 || soft);
+    let softness = ring.softness_px * view.pixel_mm() / radius_mm;
+    let whole = ring.arc_coverage > WHOLE;
+    let glare =
+        ring.clipped_inside && softness > if whole { CLIPPED_SOFT.1 } else { CLIPPED_SOFT.0 };
     !glare
         && ring.arc_coverage >= limits.coverage
         && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
@@ -164,7 +162,7 @@ fn strength(c: &Candidate) -> f64 {
 }
 
 /// How much less a circle counts for being soft: by half where its softness is this part of its radius.
-fn glow(c: &Candidate, part: f64) -> f64 {
+pub(super) fn glow(c: &Candidate, part: f64) -> f64 {
     1.0 + (c.softness_px / (part * c.circle.radius)).powi(2)
 }
 
@@ -213,57 +211,8 @@ fn concentric(a: &Candidate, b: &Candidate) -> bool {
 }
 
 /// How far the small circle lies inside the large one, where their outlines are nearest.
-fn gap_px(large: &Circle, small: &Circle) -> f64 {
+pub(super) fn gap_px(large: &Circle, small: &Circle) -> f64 {
     large.radius - (large.center - small.center).norm() - small.radius
-}
-
-/// Whether two circles' outlines meet, or come as close as `reach_px`.
-fn cross(large: &Circle, small: &Circle, reach_px: f64) -> bool {
-    ((large.center - small.center).norm() - large.radius).abs() < small.radius + reach_px
-        && large.radius > 1.5 * small.radius
-}
-
-/// Circles inside a ring that may be its spot, best first.
-fn spot_candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
-    let ring = outer.circle;
-    let inside = find::circles(
-        look,
-        find::Options {
-            least_radius_px: (0.05 * ring.radius).max(4.0),
-            most_radius_px: 0.45 * ring.radius,
-            near: Some((ring.center, 0.7 * ring.radius)),
-            least_coverage: 0.55,
-            centers: 6,
-        },
-    );
-    let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
-    let rank = |c: &Candidate| {
-        // Beside the centre what is lighter than the burn may well be a glare, too.
-        let doubt = if c.step * outer.step < 0.0 { 3.0 } else { 1.0 };
-        let toward_center = 1.0 + doubt * (off(c) / 0.5).powi(2);
-        let strength = c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
-        strength / toward_center / glow(c, GLARE)
-    };
-    // A dot that small is believed to be the spot only where the spot should be.
-    let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
-    let mut spots: Vec<Candidate> = inside
-        .into_iter()
-        .filter(|c| {
-            is_steady(c)
-                && !spatter(c)
-                && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
-                && c.step.abs() > LEAST_STEP * outer.step.abs()
-        })
-        .collect();
-    spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
-    spots
-}
-
-/// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter.
-fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
-    let off = |c: &Candidate| (c.circle.center - ring.circle.center).norm();
-    let apart = (c.circle.center - likeliest.circle.center).norm();
-    off(c) <= off(likeliest) || apart < likeliest.circle.radius
 }
 
 /// Another ring beside this one, of nearly the same standing or with a spot of its own.
@@ -284,7 +233,7 @@ fn second_burn<'a>(
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
-                && spot_candidates(look, r).first().is_some_and(spot)
+                && spot::candidates(look, r).first().is_some_and(spot)
         };
         other && (rivals || has_spot())
     })
@@ -331,46 +280,4 @@ fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
         })
         .max_by(|a, b| a.score.total_cmp(&b.score))
         .copied()
-}
-
-fn measure_spot(
-    frame: &Frame,
-    view: &View,
-    spot: &Candidate,
-    ring: &Ring,
-    edges: &[Candidate],
-) -> Option<Ring> {
-    // The spot's band ends where the ring's next edge begins.
-    let clear_px = edges
-        .iter()
-        .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
-        .map(|c| gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * c.softness_px)
-        .fold(f64::INFINITY, f64::min);
-    let c = spot.circle;
-    let rough = Circle {
-        center: view.to_plane(c.center),
-        radius: c.radius * view.mm_per_px(c.center).determinant().abs().sqrt(),
-    };
-    let search = Search {
-        reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
-        inside_limit_px: 0.95 * c.radius,
-        outside_limit_px: clear_px.clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
-        softness_px: spot.softness_px.max(1.5),
-    };
-    let measure = |search| ring::measure(frame, view, rough, search, Some(&ring.wander));
-    let strayed = |spot: &Ring| (spot.circle.radius / rough.radius - 1.0).abs() >= 0.5;
-    let mut spot = measure(search)?;
-    if strayed(&spot) {
-        // A crater's inner edge may be the stronger one.
-        spot = measure(Search { inside_limit_px: CRATER * c.radius, ..search })?;
-    }
-    let strong = |e: &&Candidate| e.step.abs() > 0.3 * ring.contrast.abs();
-    if edges.iter().filter(strong).any(|e| cross(&e.circle, &c, 2.0 * spot.softness_px)) {
-        spot.covariance *= ON_EDGE * ON_EDGE;
-    }
-    let plausible = is_circle(&spot, view, &SPOT)
-        && spot.circle.radius < 0.5 * ring.circle.radius // Beyond is the annulus' inner edge.
-        && (spot.circle.center - ring.circle.center).norm() < ring.circle.radius
-        && !strayed(&spot);
-    plausible.then_some(spot)
 }

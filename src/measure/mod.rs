@@ -6,9 +6,11 @@ mod concentric;
 pub mod cross;
 mod marks;
 pub mod offset;
+mod polygon;
 pub mod ring;
 pub mod rod;
 mod rows;
+mod spot;
 
 use serde::Serialize;
 

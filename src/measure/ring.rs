@@ -43,6 +43,16 @@ pub struct Search {
 }
 
 impl Search {
+    /// The same no farther than some softnesses from the edge, where a glare, a gap or dirt beside it leads astray.
+    pub(super) fn nearby(self, softnesses: f64) -> Self {
+        let side_px = softnesses * self.softness_px + self.reach_px;
+        Self {
+            inside_limit_px: self.inside_limit_px.min(side_px),
+            outside_limit_px: self.outside_limit_px.min(side_px),
+            ..self
+        }
+    }
+
     /// Width of the band either side: wide enough to know both levels well (a band of ±3 softnesses costs a
     /// third of the accuracy), and for the edge to be anywhere within reach.
     fn band_px(&self) -> (f64, f64) {

@@ -2,7 +2,7 @@
 //!
 //! Burn pictures and captures of check rods at three levels, all of a picture drawn from its seed: [`burn`], [`rod`].
 
-mod burn;
+pub mod burn;
 mod caliper;
 mod contour;
 pub mod dice;
@@ -93,7 +93,8 @@ fn row(level: Level, answers: &[Answer]) {
     );
 }
 
-fn burn_answer(made: &BurnPicture) -> Answer {
+/// How the program answers a picture of a burn.
+pub fn burn_answer(made: &BurnPicture) -> Answer {
     let mut story = made.story.clone();
     let mut measured = || -> Result<_> {
         let picture = Picture::decode("holdout", &made.photo.pgm())?;

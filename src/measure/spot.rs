@@ -1,0 +1,154 @@
+//! The spot of a burn test: circles inside the ring that may be it, and the one that is measured.
+
+use crate::camera::View;
+use crate::find::{self, Candidate, Look};
+use crate::fit::Circle;
+use crate::frame::Frame;
+use crate::measure::marks::{Limits, gap_px, glow, is_circle, is_steady};
+use crate::measure::polygon::is_polygon;
+use crate::measure::ring::{self, Ring, Search};
+
+/// A spot's step as a part of the ring's: a glow about the ring is fainter.
+const LEAST_STEP: f64 = 0.05;
+/// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
+const ON_EDGE: f64 = 2.0;
+/// How far inside a spot's edge is looked, in radii, where all of it led to another edge.
+const CRATER: f64 = 0.4;
+/// As soft as this part of its radius a circle may well be a glare instead of a spot.
+const GLARE: f64 = 0.3;
+/// How many softnesses edges of ring and spot end apart.
+pub(super) const SPOT_CLEAR: f64 = 2.5;
+/// What such a look must keep of the circle that was found: how far off its centre may be, in radii, and its radius.
+const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
+/// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
+const NEARBY: [f64; 2] = [4.0, 2.5];
+const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
+
+/// Circles inside a ring that may be its spot, best first.
+pub(super) fn candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
+    let ring = outer.circle;
+    let inside = find::circles(
+        look,
+        find::Options {
+            least_radius_px: (0.05 * ring.radius).max(4.0),
+            most_radius_px: 0.45 * ring.radius,
+            near: Some((ring.center, 0.7 * ring.radius)),
+            least_coverage: 0.55,
+            centers: 6,
+        },
+    );
+    let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
+    let rank = |c: &Candidate| {
+        // Beside the centre what is lighter than the burn may well be a glare, too.
+        let doubt = if c.step * outer.step < 0.0 { 3.0 } else { 1.0 };
+        let toward_center = 1.0 + doubt * (off(c) / 0.5).powi(2);
+        let strength = c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
+        strength / toward_center / glow(c, GLARE)
+    };
+    // A dot that small is believed to be the spot only where the spot should be.
+    let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
+    let mut spots: Vec<Candidate> = inside
+        .into_iter()
+        .filter(|c| {
+            is_steady(c)
+                && !spatter(c)
+                && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
+                && c.step.abs() > LEAST_STEP * outer.step.abs()
+        })
+        .collect();
+    spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    spots
+}
+
+/// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter.
+pub(super) fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
+    let off = |c: &Candidate| (c.circle.center - ring.circle.center).norm();
+    let apart = (c.circle.center - likeliest.circle.center).norm();
+    off(c) <= off(likeliest) || apart < likeliest.circle.radius
+}
+
+/// Whether two circles' outlines meet, or come as close as `reach_px`.
+fn cross(large: &Circle, small: &Circle, reach_px: f64) -> bool {
+    ((large.center - small.center).norm() - large.radius).abs() < small.radius + reach_px
+        && large.radius > 1.5 * small.radius
+}
+
+/// A picture in which a ring was measured, and the edges about it.
+pub(super) struct Inside<'a> {
+    pub frame: &'a Frame,
+    pub view: &'a View,
+    pub ring: &'a Ring,
+    pub edges: &'a [Candidate],
+}
+
+impl Inside<'_> {
+    /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.
+    pub(super) fn measure(&self, spot: &Candidate) -> Option<Ring> {
+        let (rough, search) = self.search(spot);
+        let mut found = self.look(spot, rough, search)?;
+        if strayed(&found, rough) {
+            // A crater's inner edge may be the stronger one.
+            let inside_limit_px = CRATER * spot.circle.radius;
+            found = self.look(spot, rough, Search { inside_limit_px, ..search })?;
+        }
+        self.is_spot(&found, rough).then_some(found)
+    }
+
+    /// The same where a glare, a gap or dirt beside the spot has led astray: no farther from its edge than it takes, and to no
+    /// other circle.
+    pub(super) fn measure_nearby(&self, spot: &Candidate) -> Option<Ring> {
+        let (rough, search) = self.search(spot);
+        NEARBY.iter().find_map(|softnesses| {
+            let found = self.look(spot, rough, search.nearby(*softnesses))?;
+            let same = (found.circle.center - rough.center).norm() < SAME.0 * rough.radius
+                && (SAME.1..SAME.2).contains(&(found.circle.radius / rough.radius));
+            (same && self.is_spot(&found, rough)).then_some(found)
+        })
+    }
+
+    /// Where it is in the plane, and where its edge is looked for.
+    fn search(&self, spot: &Candidate) -> (Circle, Search) {
+        // The spot's band ends where the ring's next edge begins.
+        let clear_px = (self.edges.iter())
+            .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
+            .map(|c| gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * c.softness_px)
+            .fold(f64::INFINITY, f64::min);
+        let c = spot.circle;
+        let rough = Circle {
+            center: self.view.to_plane(c.center),
+            radius: c.radius * self.view.mm_per_px(c.center).determinant().abs().sqrt(),
+        };
+        let search = Search {
+            reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
+            inside_limit_px: 0.95 * c.radius,
+            outside_limit_px: clear_px.clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
+            softness_px: spot.softness_px.max(1.5),
+        };
+        (rough, search)
+    }
+
+    fn look(&self, spot: &Candidate, rough: Circle, search: Search) -> Option<Ring> {
+        let wander = Some(&self.ring.wander);
+        let mut found = ring::measure(self.frame, self.view, rough, search, wander)?;
+        let strong = |e: &&Candidate| e.step.abs() > 0.3 * self.ring.contrast.abs();
+        let reach_px = 2.0 * found.softness_px;
+        if self.edges.iter().filter(strong).any(|e| cross(&e.circle, &spot.circle, reach_px)) {
+            found.covariance *= ON_EDGE * ON_EDGE;
+        }
+        Some(found)
+    }
+
+    fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
+        let ring = self.ring.circle;
+        is_circle(found, self.view, &SPOT)
+            && found.circle.radius < 0.5 * ring.radius // Beyond is the annulus' inner edge.
+            && (found.circle.center - ring.center).norm() < ring.radius
+            && !is_polygon(&found.residuals, found.circle.radius)
+            && !strayed(found, rough)
+    }
+}
+
+/// Whether another edge was followed than the one that was found.
+fn strayed(found: &Ring, rough: Circle) -> bool {
+    (found.circle.radius / rough.radius - 1.0).abs() >= 0.5
+}
