@@ -243,7 +243,7 @@ fn reports_stand_in_a_browser_and_print_on_a4() {
     let expected: [(&str, &[&str]); 3] = [
         (
             "burn.html",
-            &["FAIL", "Uncertainty budget", "edge of the spot", "days: last changed", "Turn B by"],
+            &["FAIL", "Uncertainty budget", "edge of the spot", ": last changed ", "Turn B by"],
         ),
         ("solve.html", &["PASS", "ΔX, B axis to optical axis", "touch X1", "rod parallel to Z"]),
         (
