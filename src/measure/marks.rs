@@ -91,12 +91,14 @@ pub(super) fn measure(
         let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
         let likeliest = clear.peek().copied();
         let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
-        // What is likeliest is not left for what is easier to measure.
-        let nearby =
-            |s| likeliest.filter(|l| std::ptr::eq(*l, s)).and_then(|l| inside.measure_nearby(l));
         let measured = clear
             .filter(|s| likeliest.is_some_and(|l| spot::may_stand_for(l, s, outer)))
-            .find_map(|s| inside.measure(s).or_else(|| nearby(s)));
+            .enumerate()
+            .find_map(|(nth, s)| {
+                // What is likeliest is not left for what is easier to measure.
+                let nearby = || if nth == 0 { inside.measure_nearby(s) } else { None };
+                inside.measure(s).or_else(nearby)
+            });
         let Some(spot) = measured else {
             lone_step = lone_step.max(outer.step.abs());
             break; // The ring is there; a worse one with a better spot would be a wrong answer.

@@ -22,6 +22,7 @@ pub(super) const SPOT_CLEAR: f64 = 2.5;
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
+/// What a spot must keep to.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 
 /// Circles inside a ring that may be its spot, best first.
