@@ -171,6 +171,7 @@ impl Lines {
                 })
             };
             let shapes: Vec<DVector<f64>> = lengths.iter().map(shape).collect();
+            let squares: Vec<f64> = shapes.iter().map(DVector::norm_squared).collect();
             let products: Vec<f64> = shapes.iter().map(|e| e.dot(&seen)).collect();
             let mut offer = |explained: f64, found: &[(usize, f64)]| {
                 if best.as_ref().is_none_or(|(most, _)| explained > *most) {
@@ -186,12 +187,12 @@ impl Lines {
                 }
             };
             for (i, e) in shapes.iter().enumerate() {
-                let own = e.norm_squared();
+                let own = squares[i];
                 if products[i] > 0.0 {
                     offer(products[i] * products[i] / own, &[(i, products[i] / own)]);
                 }
                 for (j, f) in shapes.iter().enumerate().skip(i + 1) {
-                    let (other, both) = (f.norm_squared(), e.dot(f));
+                    let (other, both) = (squares[j], e.dot(f));
                     let left = own * other - both * both;
                     let a = (other * products[i] - both * products[j]) / left;
                     let b = (own * products[j] - both * products[i]) / left;

@@ -10,7 +10,7 @@ use crate::frame::Frame;
 use crate::measure::circles::{around, measure_candidate};
 use crate::measure::concentric;
 use crate::measure::ring::{self, Ring};
-use crate::measure::spot::{self, SPOT_CLEAR};
+use crate::measure::spot;
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
@@ -212,11 +212,6 @@ fn concentric(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
 }
 
-/// How far the small circle lies inside the large one, where their outlines are nearest.
-pub(super) fn gap_px(large: &Circle, small: &Circle) -> f64 {
-    large.radius - (large.center - small.center).norm() - small.radius
-}
-
 /// Another ring beside this one, of nearly the same standing or with a spot of its own.
 fn second_burn<'a>(
     look: &Look,
@@ -255,7 +250,7 @@ fn measure_ring(
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);
         // Inside an annulus the spot's edge may be the stronger one.
-        let clear_px = gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * spot.softness_px;
+        let clear_px = spot::clear_px(&c.circle, &spot.circle, spot.softness_px);
         search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
         ring::measure(frame, view, rough, search, None)
     };

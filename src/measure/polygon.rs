@@ -48,14 +48,8 @@ mod tests {
         }
         // An astigmatic beam's ellipse, and one with lobes of all sizes.
         assert!(!is_polygon(&around(|a| 1.0 + 0.06 * (2.0 * a).cos()), 1.0));
-        let lobes = |a: f64| (2..9).map(|k| (f64::from(k * k) + f64::from(k) * a).cos()).sum();
-        assert!(!is_polygon(
-            &around(|a| {
-                let l: f64 = lobes(a);
-                1.0 + 0.03 * l
-            }),
-            1.0
-        ));
+        let lobe = |k: i32, a: f64| 0.03 * (f64::from(k * k) + f64::from(k) * a).cos();
+        assert!(!is_polygon(&around(|a| 1.0 + (2..9).map(|k| lobe(k, a)).sum::<f64>()), 1.0));
         // Six corners so small that a ragged edge has them too.
         assert!(!is_polygon(&around(|a| 1.0 + 0.01 * (6.0 * a).cos()), 1.0));
     }

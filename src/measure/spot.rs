@@ -4,7 +4,7 @@ use crate::camera::View;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::marks::{Limits, gap_px, glow, is_circle, is_steady};
+use crate::measure::marks::{Limits, glow, is_circle, is_steady};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring, Search};
 
@@ -17,7 +17,7 @@ const CRATER: f64 = 0.4;
 /// As soft as this part of its radius a circle may well be a glare instead of a spot.
 const GLARE: f64 = 0.3;
 /// How many softnesses edges of ring and spot end apart.
-pub(super) const SPOT_CLEAR: f64 = 2.5;
+const CLEAR: f64 = 2.5;
 /// What such a look must keep of the circle that was found: how far off its centre may be, in radii, and its radius.
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
@@ -68,6 +68,11 @@ pub(super) fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candida
     off(c) <= off(likeliest) || apart < likeliest.circle.radius
 }
 
+/// How far a small circle lies inside a large one, where their outlines are nearest, clear of an edge as soft as `softness_px`.
+pub(super) fn clear_px(large: &Circle, small: &Circle, softness_px: f64) -> f64 {
+    large.radius - (large.center - small.center).norm() - small.radius - CLEAR * softness_px
+}
+
 /// Whether two circles' outlines meet, or come as close as `reach_px`.
 fn cross(large: &Circle, small: &Circle, reach_px: f64) -> bool {
     ((large.center - small.center).norm() - large.radius).abs() < small.radius + reach_px
@@ -112,7 +117,7 @@ impl Inside<'_> {
         // The spot's band ends where the ring's next edge begins.
         let clear_px = (self.edges.iter())
             .filter(|c| c.circle.radius > 1.5 * spot.circle.radius)
-            .map(|c| gap_px(&c.circle, &spot.circle) - SPOT_CLEAR * c.softness_px)
+            .map(|c| clear_px(&c.circle, &spot.circle, c.softness_px))
             .fold(f64::INFINITY, f64::min);
         let c = spot.circle;
         let rough = Circle {
