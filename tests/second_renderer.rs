@@ -21,6 +21,18 @@ fn a_spot_with_glare_beside_it_is_measured_from_nearby() {
     }
 }
 
+/// Lines of texture move a sector's edge by more than a spot's own form may be; they are known to, and the spot is measured. Faint ones have a
+/// vote beside the ring's strong edges.
+#[test]
+fn a_faint_spot_on_brushed_metal_is_measured() {
+    for seed in [21_100_105, 21_100_128, 21_100_149, 41_300_193] {
+        let [error, u95] = holdout::burn_answer(&holdout::burn::render(Hard, seed)).result.unwrap();
+        for (error, u95) in error.into_iter().zip(u95) {
+            assert!(error.abs() < 1.5 * u95 && u95 < 0.15, "{seed}: {error} ± {u95} mm");
+        }
+    }
+}
+
 /// Two arcs at a table angle, one on the rim and the other on the chamfer opposite, lie on a circle, too: where the captures wander about
 /// theirs, another on which they agree is found.
 #[test]

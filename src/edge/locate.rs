@@ -49,6 +49,14 @@ pub struct EdgePoint {
 }
 
 impl Located {
+    /// Whether the step is about the same all round, and the common profile's, rather than partly another's and partly none.
+    pub fn is_even(&self) -> bool {
+        const MOST_UNEVEN: f64 = 2.0;
+        const USUAL: std::ops::Range<f64> = 0.75..1.35;
+        let [low, middle, high] = self.gains;
+        high < MOST_UNEVEN * low && USUAL.contains(&middle)
+    }
+
     /// Typical standard deviation of an edge point from pixel noise.
     pub fn point_sd_px(&self) -> f64 {
         let (variances, weights): (Vec<f64>, Vec<f64>) =
@@ -74,6 +82,8 @@ pub struct Located {
     pub textured: bool,
     /// Share of the sectors with a usable edge.
     pub coverage: f64,
+    /// Quartiles of the sectors' gains: the step there as a part of the common profile's.
+    pub gains: [f64; 3],
     /// How far the edge would seem shifted if what fades away beside it, stronger on one side, were taken for edge.
     pub leaning_px: f64,
 }
@@ -202,8 +212,17 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             (least.min(tail), most.max(tail))
         });
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
+    let gains = quartiles(&matches, &alive);
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
-    Some(Located { points, template, step, noise, plain, textured, coverage, leaning_px })
+    Some(Located { points, template, step, noise, plain, textured, coverage, gains, leaning_px })
+}
+
+/// Quartiles of the gains of the sectors that show the edge.
+fn quartiles(matches: &[Match], alive: &[f64]) -> [f64; 3] {
+    let shown = matches.iter().zip(alive).filter(|(_, a)| **a > 0.0);
+    let mut gains: Vec<f64> = shown.map(|(m, _)| m.gain).collect();
+    gains.sort_by(f64::total_cmp);
+    [1, 2, 3].map(|q| gains.get(q * gains.len() / 4).copied().unwrap_or(f64::NAN))
 }
 
 /// How much worse or better than usual the sectors near each one fit. Brushed metal disturbs the arcs along its

@@ -21,7 +21,7 @@ use crate::frame::Frame;
 
 /// What to look for.
 #[derive(Debug, Clone, Copy)]
-pub struct Options {
+pub struct Options<'a> {
     /// Smallest radius of interest, px of the full picture.
     pub least_radius_px: f64,
     /// Largest radius of interest, px of the full picture.
@@ -32,6 +32,8 @@ pub struct Options {
     pub least_coverage: f64,
     /// How many centres are looked into.
     pub centers: usize,
+    /// Edges that are no news: circles are looked for with and without them, as beside strong edges faint ones have no vote.
+    pub known: &'a [Candidate],
 }
 
 /// A circle seen in the picture, px of the full picture.
@@ -61,10 +63,13 @@ pub(crate) const ITSELF: f64 = 1.5;
 
 /// Circles in the picture, best first.
 pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
-    let mut hints: Vec<rays::Hint> = votes::centers(look, options)
-        .into_iter()
-        .flat_map(|center| rays::hints(look, center, options))
-        .collect();
+    let mut centers = votes::centers(look, options, &[]);
+    if !options.known.is_empty() {
+        centers.extend(votes::centers(look, options, options.known));
+        centers = votes::apart(centers);
+    }
+    let mut hints: Vec<rays::Hint> =
+        centers.into_iter().flat_map(|center| rays::hints(look, center, options)).collect();
     hints.sort_by(|a, b| b.weight().total_cmp(&a.weight()));
     let mut found: Vec<Candidate> = Vec::new();
     let mut followed = 0;
@@ -106,4 +111,55 @@ fn better(new: &Candidate, old: &Candidate) -> bool {
 /// A reduced picture of `frame` for finding circles.
 pub fn look(frame: &Frame) -> Look {
     Look::new(frame, look::BLURS.len())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Gray;
+
+    #[test]
+    fn a_faint_spot_is_seen_beside_a_strong_ring_that_is_known() {
+        let (width, height) = (640usize, 480usize);
+        let middle = Vector2::new(320.0, 240.0);
+        let spot = Circle { center: Vector2::new(345.0, 228.0), radius: 24.0 };
+        let mut state = 1u32;
+        let mut noise = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            16.0 * (f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5)
+        };
+        // An annulus of 100 counts, a spot of 14, both soft over some pixels.
+        let inside = |distance: f64| 1.0 / (1.0 + (distance / 3.0).exp());
+        let value = |x: usize, y: usize| {
+            let p = Vector2::new(x as f64, y as f64);
+            let r = (p - middle).norm();
+            let ring = inside(r - 200.0) - inside(r - 150.0);
+            180.0 - 100.0 * ring - 14.0 * inside(spot.distance(p))
+        };
+        let at = |i: usize| (value(i % width, i / width) + noise()).clamp(0.0, 255.0) as u8;
+        let data = (0..width * height).map(at).collect();
+        let look = look(&Frame::Eight(Gray { width, height, data }));
+        let options = |known| Options {
+            least_radius_px: 10.0,
+            most_radius_px: 90.0,
+            near: Some((middle, 140.0)),
+            least_coverage: 0.55,
+            centers: 1,
+            known,
+        };
+        let edge = |radius: f64, step: f64| Candidate {
+            circle: Circle { center: middle, radius },
+            step,
+            coverage: 1.0,
+            softness_px: 5.0,
+            scatter_px: 0.5,
+            score: 10.0,
+        };
+        let known = [edge(200.0, 100.0), edge(150.0, -100.0)];
+        let is_spot = |c: &Candidate| {
+            (c.circle.center - spot.center).norm() < 3.0 && (c.circle.radius - 24.0).abs() < 3.0
+        };
+        assert!(circles(&look, options(&known)).iter().any(is_spot));
+        assert!(!circles(&look, options(&[])).iter().any(is_spot));
+    }
 }

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector2;
 
-use crate::find::Options;
 use crate::find::look::{FRACTION, Look, blur, fixed};
+use crate::find::{Candidate, Options};
 use crate::frame::Gray;
 
 /// The strongest share of the gradients at each scale that votes.
@@ -18,8 +18,12 @@ const SOFT_CELL: usize = 4;
 /// Blur from which edges are soft.
 const SOFT: f64 = 4.0;
 
-/// Likely centres in reduced pixels, best first.
-pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
+/// Gradients so many softnesses from a known edge that point so much as its own (cosine) are the edge's.
+const BESIDE: f64 = 2.5;
+const ALONG: f64 = 0.9;
+
+/// Likely centres in reduced pixels, best first, when the edges of `known` have no vote.
+pub(super) fn centers(look: &Look, options: Options, known: &[Candidate]) -> Vec<Vector2<f64>> {
     let (w, h) = look.size();
     let k = look.factor as f64;
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
@@ -33,7 +37,8 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
         // Neighbouring gradients of a blurred picture say the same.
         let stride = (0.6 * scale).round().max(1.0) as usize;
         let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
-        let gradients = gradients(image, stride, place);
+        let mut gradients = gradients(image, stride, place);
+        gradients.retain(|g| !known.iter().any(|c| g.is_of(c, look, *scale)));
         let least = threshold(&gradients, look.noise / scale.powi(2));
         let mut votes = Gray { width: aw, height: ah, data: vec![0.0f32; aw * ah] };
         let strong: Vec<&Gradient> = gradients.iter().filter(|g| g.size >= least).collect();
@@ -67,10 +72,17 @@ pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
         found.retain(|(_, p)| (p - place).norm() <= reach / k);
         found.insert(0, (f32::INFINITY, place));
     }
-    let mut kept: Vec<Vector2<f64>> = Vec::new();
     found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    for (_, p) in found {
-        if kept.len() < 2 * options.centers && kept.iter().all(|q| (p - q).norm() > 2.5) {
+    let mut kept = apart(found.into_iter().map(|(_, p)| p));
+    kept.truncate(2 * options.centers);
+    kept
+}
+
+/// Those that are not one with an earlier one.
+pub(super) fn apart(centers: impl IntoIterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
+    let mut kept: Vec<Vector2<f64>> = Vec::new();
+    for p in centers {
+        if kept.iter().all(|q| (p - q).norm() > 2.5) {
             kept.push(p);
         }
     }
@@ -145,6 +157,19 @@ struct Gradient {
     dx: f32,
     dy: f32,
     size: f32,
+}
+
+impl Gradient {
+    /// Whether it is one of a known edge's, seen through a blur.
+    fn is_of(&self, c: &Candidate, look: &Look, blur: f64) -> bool {
+        let k = look.factor as f64;
+        let from = Vector2::new(self.x as f64, self.y as f64) - look.reduced(c.circle.center);
+        let apart = from.norm();
+        let along = from.x * f64::from(self.dx) + from.y * f64::from(self.dy);
+        let width = BESIDE * (c.softness_px / k).hypot(blur) + c.scatter_px / k;
+        (apart - c.circle.radius / k).abs() < width
+            && along * c.step.signum() > ALONG * apart * f64::from(self.size)
+    }
 }
 
 /// Gradients at every `stride`th pixel each way, every other of them left out as on a chessboard.

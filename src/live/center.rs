@@ -279,6 +279,7 @@ impl Tracker {
                 near: None,
                 least_coverage: if expected.is_some() { 0.1 } else { 0.35 },
                 centers: 8,
+                known: &[],
             },
         );
         let rank = |c: &Candidate| {
@@ -374,6 +375,7 @@ fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
         fitted_sd_mm: (x + y).sqrt(),
         center_px: view.to_pixel(circle.center),
         form_rms_mm: seen.report.form_rms_mm,
+        form_from_texture_mm: 0.0,
         edge_points: used,
         arc_coverage: used as f64 * arc_step(&seen.points) * view.pixel_mm()
             / (std::f64::consts::TAU * circle.radius),

@@ -161,6 +161,7 @@ fn in_frame(
                 near: None,
                 least_coverage: 0.25,
                 centers: 8,
+                known: &[],
             },
         );
         let mut ragged: Option<Ring> = None;

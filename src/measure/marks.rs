@@ -55,6 +55,7 @@ pub(super) fn measure(
             near,
             least_coverage: 0.35,
             centers: 8,
+            known: &[],
         },
     );
     let steady: Vec<Candidate> = all.into_iter().filter(is_steady).collect();
@@ -75,7 +76,9 @@ pub(super) fn measure(
         if !stands_out(outer, Sides::Edge) {
             continue;
         }
-        let spots = spot::candidates(&look, outer);
+        let edges: Vec<Candidate> =
+            steady.iter().filter(|c| concentric(c, outer)).copied().collect();
+        let spots = spot::candidates(&look, outer, &edges);
         if spots.is_empty() {
             lone_step = lone_step.max(outer.step.abs());
             continue;
@@ -85,8 +88,6 @@ pub(super) fn measure(
         {
             return Err(two_burns(subject, outer, other));
         }
-        let edges: Vec<Candidate> =
-            steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
         let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
         let likeliest = clear.peek().copied();
@@ -149,9 +150,10 @@ pub(super) fn is_circle(ring: &Ring, view: &View, limits: &Limits) -> bool {
     let whole = ring.arc_coverage > WHOLE;
     let glare =
         ring.clipped_inside && softness > if whole { CLIPPED_SOFT.1 } else { CLIPPED_SOFT.0 };
+    let form2 = ring.form_rms_mm.powi(2) - ring.form_from_texture_mm.powi(2);
     !glare
         && ring.arc_coverage >= limits.coverage
-        && ring.form_rms_mm < limits.form * ring.arc_coverage.powi(2) * radius_mm
+        && form2.max(0.0).sqrt() < limits.form * ring.arc_coverage.powi(2) * radius_mm
         && ring.fitted_sd_mm < limits.doubt * radius_mm
         && ring.center_covariance().trace().sqrt() < limits.in_all * radius_mm
 }
@@ -230,7 +232,7 @@ fn second_burn<'a>(
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
-                && spot::candidates(look, r).first().is_some_and(spot)
+                && spot::candidates(look, r, &[**r]).first().is_some_and(spot)
         };
         other && (rivals || has_spot())
     })

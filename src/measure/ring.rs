@@ -26,6 +26,8 @@ const MOST_TINT: f64 = 0.2;
 /// What fades beyond the rim, more on one side, is taken out by a shape that it only roughly has: this part of what it would have
 /// shifted is left.
 const LEFT: f64 = 0.2;
+/// What a texture leaves unknown of an edge all round, it does to a sector's profile so many times as much: that is no form.
+const TEXTURED: f64 = 3.0;
 /// How much of all that a radius may be off besides what is known of its tint.
 const EVEN: f64 = 0.7;
 
@@ -76,6 +78,8 @@ pub struct Ring {
     pub center_px: Vector2<f64>,
     /// Root mean square of the edge's own form (residuals of the groups), mm.
     pub form_rms_mm: f64,
+    /// How much of that may be the surface's texture's (rms), mm.
+    pub form_from_texture_mm: f64,
     /// Edge points used.
     pub edge_points: usize,
     /// Share of the circle on which the edge was found.
@@ -316,7 +320,16 @@ pub fn measure(
     let sectors = group_rows(&points, &weights, fitted.circle, GROUPS);
     let together = textured_rows(frame, view, &points, fitted.circle, search);
     let fit = correlated::fit(together.as_ref().unwrap_or(&sectors), known)?;
-    Some(finish(view, &points, fitted.circle, &weights, &sectors, fit, known.is_some()))
+    // Where the step comes and goes it is not texture that moves it.
+    let textured = together.as_ref().filter(|_| points.located.is_even());
+    let form_from_texture_mm = TEXTURED * textured.map_or(0.0, typical_variance).sqrt();
+    let ring = finish(view, &points, fitted.circle, &weights, &sectors, fit, known.is_some());
+    Some(Ring { form_from_texture_mm, ..ring })
+}
+
+/// Variance of a typical row.
+fn typical_variance(rows: &correlated::Rows) -> f64 {
+    rows.variance.len() as f64 / rows.variance.iter().map(|v| 1.0 / v).sum::<f64>()
 }
 
 /// How far the half level of a disc blurred by `sigma_px` lies inside its rim: σ²/2R, and for small discs what a straight edge fitted to the
@@ -369,6 +382,7 @@ fn finish(
         fitted_sd_mm,
         center_px: view.to_pixel(center),
         form_rms_mm: form.sqrt(),
+        form_from_texture_mm: 0.0,
         edge_points: used,
         arc_coverage: points.span * used as f64 / points.usable.len() as f64,
         contrast: step.contrast(),

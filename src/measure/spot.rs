@@ -8,6 +8,8 @@ use crate::measure::marks::{Limits, glow, is_circle, is_steady};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring, Search};
 
+/// Radius of the largest spot, as a part of the ring's.
+const MOST: f64 = 0.45;
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
@@ -26,16 +28,21 @@ const NEARBY: [f64; 2] = [4.0, 2.5];
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 
 /// Circles inside a ring that may be its spot, best first.
-pub(super) fn candidates(look: &Look, outer: &Candidate) -> Vec<Candidate> {
+pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) -> Vec<Candidate> {
     let ring = outer.circle;
+    let most_radius_px = MOST * ring.radius;
+    // A faint spot is not seen beside a ring whose every edge asks for circles.
+    let known: Vec<Candidate> =
+        edges.iter().filter(|e| e.circle.radius > most_radius_px).copied().collect();
     let inside = find::circles(
         look,
         find::Options {
             least_radius_px: (0.05 * ring.radius).max(4.0),
-            most_radius_px: 0.45 * ring.radius,
+            most_radius_px,
             near: Some((ring.center, 0.7 * ring.radius)),
             least_coverage: 0.55,
             centers: 6,
+            known: &known,
         },
     );
     let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
