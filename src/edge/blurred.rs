@@ -4,7 +4,9 @@ use nalgebra::{SMatrix, SVector};
 
 use crate::edge::Template;
 use crate::edge::noise::by_chance;
-use crate::edge::pool::Pool;
+use crate::edge::pool::{Pool, Sectors};
+use crate::edge::sector::Match;
+use crate::edge::shape::Shape;
 use crate::edge::template::Step;
 
 /// Variance of a uniform distribution one step wide.
@@ -19,12 +21,26 @@ pub(super) struct Blurred {
     sigma_px: f64,
 }
 
+impl Sectors<'_> {
+    /// The common profile of these matches as a blurred sharp edge; `pool` is that profile on the nodes of `template`, whose weights hold if
+    /// a pixel's variance is as assumed times `scale`. `None` where it is another one by more than chance and more than a trace.
+    pub(super) fn blurred(
+        &self,
+        pool: &Pool,
+        template: &Template,
+        matches: &[Match],
+        scale: f64,
+    ) -> Option<Blurred> {
+        // Pixels went to their nodes along the slopes of a profile with noise in it, which that sharpens: now along the edge's own.
+        let first = Blurred::fit(pool, template)?;
+        let pool = self.pool(template, &Shape::of(&first.template(template)), matches);
+        Blurred::fit(&pool, template).filter(|edge| edge.is_like(&pool, template, scale))
+    }
+}
+
 impl Blurred {
-    /// Fitted to the nodes of `template`, whose weights hold if a pixel's variance is as assumed times `scale`. `None` where the profile is
-    /// another one by more than chance and more than a trace.
-    pub(super) fn fit(pool: &Pool, template: &Template, scale: f64) -> Option<Self> {
-        /// Root mean square difference, as a part of the step, that does not matter.
-        const TRACE: f64 = 0.003;
+    /// Fitted to the nodes of `template`.
+    fn fit(pool: &Pool, template: &Template) -> Option<Self> {
         let start = template.edge();
         let mut now = Self {
             inner: start.inner,
@@ -32,15 +48,11 @@ impl Blurred {
             middle_px: start.distance_px,
             sigma_px: start.softness_px,
         };
-        let nodes: Vec<(f64, f64, f64)> = (0..pool.value.len())
-            .filter(|&i| pool.weight[i] > 0.0)
-            .map(|i| (template.place_px(i), pool.value[i], pool.weight[i]))
-            .collect();
         let mut settled = false;
         for _ in 0..20 {
             let mut normal = SMatrix::<f64, 4, 4>::zeros();
             let mut right = SVector::<f64, 4>::zeros();
-            for &(x, value, weight) in &nodes {
+            for (x, value, weight) in pool.nodes(template) {
                 let z = (x - now.middle_px) / now.sigma_px;
                 let outer = below(z);
                 let rise = now.contrast() * density(z) / now.sigma_px;
@@ -61,15 +73,21 @@ impl Blurred {
                 break;
             }
         }
-        let (mut squares, mut weights) = (0.0, 0.0);
-        for &(x, value, weight) in &nodes {
-            squares += weight * (value - now.at(x)).powi(2);
+        settled.then_some(now)
+    }
+
+    /// Whether it differs from a pool's profile by chance or a trace only.
+    fn is_like(&self, pool: &Pool, template: &Template, scale: f64) -> bool {
+        /// Root mean square difference, as a part of the step, that does not matter.
+        const TRACE: f64 = 0.003;
+        let (mut squares, mut weights, mut dof) = (0.0, 0.0, -4.0);
+        for (x, value, weight) in pool.nodes(template) {
+            squares += weight * (value - self.at(x)).powi(2);
             weights += weight;
+            dof += 1.0;
         }
-        let dof = nodes.len() as f64 - 4.0;
-        let trace = (TRACE * now.contrast()).powi(2) * weights;
-        let alike = by_chance(squares, dof, scale) || squares < trace;
-        (settled && dof > 0.0 && alike).then_some(now)
+        let trace = (TRACE * self.contrast()).powi(2) * weights;
+        dof > 0.0 && (by_chance(squares, dof, scale) || squares < trace)
     }
 
     /// Outer minus inner level.

@@ -188,7 +188,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             plain = true;
         } else {
             let pool = all.pool(&template, &shape, &matches);
-            blurred = Blurred::fit(&pool, &template, 1.0);
+            blurred = all.blurred(&pool, &template, &matches, 1.0);
         }
     }
     let step = blurred.map_or_else(|| template.edge(), Blurred::step);

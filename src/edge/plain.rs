@@ -56,7 +56,7 @@ impl Sectors<'_> {
         let (matches, scale) = self.shifts(shape, matches)?;
         let pool = self.pool(template, shape, &matches);
         let again = pool.template(template);
-        let blurred = Blurred::fit(&pool, &again, scale);
+        let blurred = self.blurred(&pool, &again, &matches, scale);
         let template = match blurred {
             Some(edge) => edge.template(&again),
             None => again,

@@ -69,6 +69,15 @@ impl Sectors<'_> {
 }
 
 impl Pool {
+    /// Distance, value and weight of the nodes of `template`, which it has, that pixels fall on.
+    pub(super) fn nodes<'a>(
+        &'a self,
+        template: &'a Template,
+    ) -> impl Iterator<Item = (f64, f64, f64)> + 'a {
+        let node = |i| (template.place_px(i), self.value[i], self.weight[i]);
+        (0..self.value.len()).map(node).filter(|(_, _, weight)| *weight > 0.0)
+    }
+
     /// The common profile again, on the nodes of the one before.
     pub(super) fn template(&self, before: &Template) -> Template {
         let mut template = before.clone();
