@@ -24,9 +24,8 @@ pub struct Rival {
     pub deficit: f64,
 }
 
-/// The rivals of each named effect, every form of theirs, likeliest first.
-pub fn rivals(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
-    let mut all = stand_ins(fitter, selection);
+/// The rivals of each named effect, every form of theirs, likeliest first, of what could stand in its place.
+pub fn rivals(selection: &Selection, mut all: Vec<Vec<Rival>>) -> Vec<Vec<Rival>> {
     for (class, own) in all.iter_mut().zip(&selection.fitted.model.active) {
         class.retain(|r| r.effect != own.effect);
     }

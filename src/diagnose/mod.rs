@@ -26,4 +26,5 @@ mod rim;
 pub mod run;
 pub mod score;
 pub mod select;
+mod sizes;
 pub mod tails;

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
-use crate::diagnose::classes::{by_name, rivals};
+use crate::diagnose::classes::{by_name, rivals, stand_ins};
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
@@ -16,6 +16,7 @@ use crate::diagnose::outliers::{Screened, screen};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
 use crate::diagnose::select::Selection;
+use crate::diagnose::sizes;
 use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
 use crate::error::{Error, Result};
 use crate::uncertainty::k95;
@@ -263,9 +264,9 @@ fn noise_source(fitter: &Fitter, layout: &Layout, noise: &Noise) -> String {
 fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
     let f = &s.fitted;
     let layout = fitter.experiment.layout();
-    let offsets = fitter.offsets(&f.model);
-    let k = k95(f.noise.dof);
-    let classes = rivals(fitter, s);
+    let stand_ins = stand_ins(fitter, s);
+    let sizes_u95 = sizes::u95(fitter, s, &stand_ins);
+    let classes = rivals(s, stand_ins);
     // What the baseline takes up of an effect is no part of the gap.
     let basis = orthonormal(&s.baseline.tangent, 1e-9);
     let beside = |values: &[f64]| {
@@ -282,15 +283,8 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
         .enumerate()
         .map(|(i, a)| {
             let info = &effects[a.effect];
-            let (mut parameters, mut u95) = (BTreeMap::new(), BTreeMap::new());
-            let mut at = offsets[i];
-            for (p, v) in info.forms[a.form].iter().zip(&a.values) {
-                parameters.insert(p.name.to_string(), *v);
-                if !p.is_switch() {
-                    u95.insert(p.name.to_string(), k * f.covariance[(at, at)].max(0.0).sqrt());
-                    at += 1;
-                }
-            }
+            let form = info.forms[a.form].iter().zip(&a.values);
+            let parameters = form.map(|(p, v)| (p.name.to_string(), *v)).collect();
             let along = beside(&contribution(fitter, &f.model, Part::Effect(i))).dot(&gap);
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
             let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
@@ -312,7 +306,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
                     .map(|r| effects[r.effect].name.to_string())
                     .collect(),
                 parameters,
-                parameters_u95: u95,
+                parameters_u95: sizes_u95[i].clone(),
                 share_percent: (100.0 * along / gap2).clamp(0.0, 100.0),
                 p_value: (ln_p + s.library_tests.ln()).min(0.0).exp(),
                 weight: 1.0 / total,
