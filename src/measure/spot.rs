@@ -20,6 +20,8 @@ const CRATER: f64 = 0.4;
 const GLARE: f64 = 0.3;
 /// How many softnesses edges of ring and spot end apart.
 const CLEAR: f64 = 2.5;
+/// Score of what may stand for a spot that cannot be measured, as a part of that spot's.
+const AS_CLEAR: f64 = 0.2;
 /// What such a look must keep of the circle that was found: how far off its centre may be, in radii, and its radius.
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
@@ -68,11 +70,12 @@ pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) ->
     spots
 }
 
-/// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter.
+/// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter, as is one far less clear.
 pub(super) fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
     let off = |c: &Candidate| (c.circle.center - ring.circle.center).norm();
     let apart = (c.circle.center - likeliest.circle.center).norm();
-    off(c) <= off(likeliest) || apart < likeliest.circle.radius
+    let instead = off(c) <= off(likeliest) && c.score > AS_CLEAR * likeliest.score;
+    instead || apart < likeliest.circle.radius
 }
 
 /// How far a small circle lies inside a large one, where their outlines are nearest, clear of an edge as soft as `softness_px`.
