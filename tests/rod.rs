@@ -125,3 +125,47 @@ fn an_angle_of_which_one_capture_alone_shows_the_rim_is_refused_by_name() {
     let why = refused.map(|m| m.report.diameter_mm).unwrap_err().to_string();
     assert!(why.contains("C = 90°") && why.contains("only one of the 2"), "{why}");
 }
+
+/// A chamfer that is hardly lighter than the table hides the rim's edge in every single capture, beside its own strong one; what most captures have
+/// at one radius is the rim all the same.
+#[test]
+fn a_rim_that_is_faint_in_every_capture_is_the_rod() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("faint.toml");
+    let preset = std::fs::read_to_string(format!(
+        "{}/src/render/presets/rod-hard.toml",
+        env!("CARGO_MANIFEST_DIR")
+    ));
+    let level = |line: &str| match line.split(" = ").next().unwrap() {
+        "chamfer_mm" => "chamfer_mm = 0.4".to_owned(),
+        "chamfer_lit" => "chamfer_lit = 0.36".to_owned(),
+        "chamfer_dark" => "chamfer_dark = 0.33".to_owned(),
+        "table" => "table = 0.3".to_owned(),
+        "shadow" => "shadow = 0.0".to_owned(),
+        "glare_count" => "glare_count = 0".to_owned(),
+        _ => line.to_owned(),
+    };
+    let scene: Vec<String> = preset.unwrap().lines().map(level).collect();
+    std::fs::write(&path, scene.join("\n")).unwrap();
+    let scene = RodScene::read(&path).unwrap();
+    for seed in [6, 8] {
+        let made = render::rod::render(&scene, seed).unwrap();
+        let (captures, frames) = decoded::captures(&made).unwrap();
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let off_mm = report.diameter_mm - made.truth.diameter_mm;
+        assert!(off_mm.abs() < report.diameter_u95_mm, "{seed}: {off_mm} mm");
+    }
+}
+
+/// An arc of the chamfer lies on the rod's circle too, about another centre: the angle that has it does not turn with the others.
+#[test]
+fn an_angle_whose_centre_does_not_turn_with_the_table_is_refused_by_name() {
+    let mut rod = rendered();
+    for (i, capture) in rod.captures.iter_mut().enumerate() {
+        capture.c_deg = [0.0, 90.0, 180.0][i % 3];
+        capture.position_mm.x += if i % 3 == 2 { 0.2 } else { 0.0 };
+    }
+    let refused = rod::measure_frames(&rod.captures, &rod.frames, &Options::default());
+    let why = refused.map(|m| m.report.axis_center_mm).unwrap_err().to_string();
+    assert!(why.contains("do not turn with the table"), "{why}");
+}

@@ -1,8 +1,8 @@
 //! How well the captures agree on one circle: edge points, places and form.
 
-use nalgebra::Vector2;
+use nalgebra::{Rotation2, Vector2};
 
-use super::joint::{Arc, Joint, Refined};
+use super::joint::{Arc, Axis, Joint, Refined};
 use super::{Capture, CaptureReport, EdgePoint, Options};
 use crate::error::{Error, Result};
 use crate::fit::robust::scatter;
@@ -14,6 +14,9 @@ const RAGGED_MM: f64 = 0.006;
 /// Share of a capture's edge that one of each table angle's must have on the circle, and another of several.
 const LEAST_SEEN: f64 = 0.35;
 const LEAST_SECOND: f64 = 0.2;
+/// No machine misplaces a rod's centre by this much: the centre is another edge's, where it is this many times what it may be.
+const ASTRAY_MM: f64 = 0.03;
+const FAR_ASTRAY: f64 = 4.0;
 /// Machine positions that scatter by more than this are worth a word, where captures that are in place are this improbable.
 const SCATTER_MM: f64 = 0.001;
 const IN_PLACE: f64 = 0.01;
@@ -70,6 +73,35 @@ pub(super) fn angles_seen(
         ));
     }
     Ok(())
+}
+
+/// Refuses centres that do not turn with the table: an arc whose chamfer was taken for its rim lies on the rod's circle too, about
+/// another centre. `excess` is by how much they miss what their uncertainties allow.
+pub(super) fn turn_together(
+    axis: &Axis,
+    excess: f64,
+    centers: &[Vector2<f64>],
+    c_deg: &[f64],
+    c_sense: f64,
+) -> Result<()> {
+    let misses = centers.iter().zip(c_deg).map(|(center, c_deg)| {
+        let turn = Rotation2::new((c_sense * c_deg).to_radians());
+        ((center - axis.center - turn * axis.eccentricity).norm(), c_deg)
+    });
+    let worst = misses.max_by(|a, b| a.0.total_cmp(&b.0));
+    match worst {
+        Some((miss_mm, c_deg)) if miss_mm > ASTRAY_MM && excess > FAR_ASTRAY => {
+            Err(Error::measure(
+                "captures",
+                format!(
+                    "the rod's centres do not turn with the table: that at C = {c_deg}° misses their common circle most, by {miss_mm:.3} mm"
+                ),
+                "look at the overlays whether a chamfer's edge was taken for the rim (--diameter-mm may help), check x_mm, y_mm and \
+                 c_deg, or leave this angle out",
+            ))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// Says so where captures lie elsewhere than the machine says, or the rim is ragged.

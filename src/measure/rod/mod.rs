@@ -123,11 +123,15 @@ pub fn measure_frames(
     };
     let (c_deg, angle_of) = table_angles(captures);
     let attempts = Attempts::new(captures, &angle_of, frames, options.diameter_mm);
-    let measure = |found: Found| -> Result<Measured> {
-        let (arcs, fitted) = follow(captures, frames, &found, &angle_of)?;
+    let measure_at = |found: &Found| -> Result<Measured> {
+        let (arcs, fitted) = follow(captures, frames, found, &angle_of)?;
         let mut measured = finish(captures, options, &c_deg, &angle_of, &arcs, &fitted)?;
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
+    };
+    let measure = |found: Found| -> Result<Measured> {
+        let rim = found.common_rim().and_then(|rim| measure_at(&rim).ok());
+        rim.map_or_else(|| measure_at(&found), Ok)
     };
     let likely = attempts.likely();
     let about = |nth: usize| likely.get(nth).and_then(|circle| attempts.rim(*circle));
@@ -284,7 +288,7 @@ fn finish(
         })
         .collect();
     let axis = if angles > 1 {
-        find_axis(&centers, &center_covariance, c_deg, options, &mut warnings)
+        find_axis(&centers, &center_covariance, c_deg, options, &mut warnings)?
     } else {
         None
     };
@@ -355,9 +359,13 @@ fn find_axis(
     c_deg: &[f64],
     options: &Options,
     warnings: &mut Vec<String>,
-) -> Option<(Axis, f64)> {
-    let axis = joint::axis(centers, covariance, c_deg, options.c_sense)?;
+) -> Result<Option<(Axis, f64)>> {
+    let Some(axis) = joint::axis(centers, covariance, c_deg, options.c_sense) else {
+        return Ok(None);
+    };
     if axis.dof > 0 {
+        // Centres that scatter more than their uncertainties: the axis is no better known than they agree.
+        let excess = (axis.chi2 / axis.dof as f64).sqrt();
         if let Some(other) = joint::axis(centers, covariance, c_deg, -options.c_sense)
             && axis.chi2 > other.chi2 + 20.0
             && axis.chi2 > 5.0 * other.chi2
@@ -365,14 +373,14 @@ fn find_axis(
             warnings.push(
                 "the rod's centres turn against C: c_sense seems to be the other one".to_owned(),
             );
+        } else {
+            agreement::turn_together(&axis, excess, centers, c_deg, options.c_sense)?;
         }
-        // Centres that scatter more than their uncertainties: the axis is no better known than they agree.
-        let excess = (axis.chi2 / axis.dof as f64).sqrt();
         if excess > 1.5 {
-            return Some((axis, K95 * excess));
+            return Ok(Some((axis, K95 * excess)));
         }
     }
-    Some((axis, K95))
+    Ok(Some((axis, K95)))
 }
 
 /// σ²/2R: a blurred rim's half level lies that much inside.

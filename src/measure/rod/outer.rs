@@ -58,8 +58,20 @@ pub(super) struct Found {
     pub radius_mm: f64,
     /// Radius of the next edge inside.
     pub inner_mm: Option<f64>,
-    /// Radius of an edge farther out that fewer captures show.
+    /// Radius of an edge farther out that fewer captures show, or all of them more faintly.
     pub fainter_mm: Option<f64>,
+    /// Whether most of them show it.
+    pub is_common: bool,
+}
+
+impl Found {
+    /// The fainter edge, where most captures show it: of two concentric edges the outer is the rod's.
+    pub(super) fn common_rim(&self) -> Option<Self> {
+        let radius_mm = self.fainter_mm.filter(|_| self.is_common)?;
+        let inner_mm = Some(self.radius_mm);
+        let centers = self.centers.clone();
+        Some(Self { centers, radius_mm, inner_mm, fainter_mm: None, is_common: false })
+    }
 }
 
 /// The captures in which a circle is looked for: of one table angle, or all.
@@ -140,6 +152,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let outer = named.or(peaks.last().copied())?;
     let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
     let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b > outer + 10);
+    let common = all.common_step(shift, outer).filter(|_| nominal_mm.is_none());
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
@@ -153,7 +166,8 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         centers: centers.collect(),
         radius_mm: radius_mm(outer),
         inner_mm: inner.map(radius_mm),
-        fainter_mm: fainter.map(radius_mm),
+        fainter_mm: common.or(fainter).map(radius_mm),
+        is_common: common.is_some(),
     })
 }
 
@@ -201,6 +215,34 @@ impl Search<'_> {
             let outside = &support[(b + gap).min(support.len())..];
             support[b] + most(inside).max(most(outside))
         })
+    }
+
+    /// A step outside the bin `outer` that most captures have, however faint each: a table's texture has its own in each.
+    fn common_step(&self, shift: Vector2<f64>, outer: usize) -> Option<usize> {
+        const LEAST: f32 = 1.5;
+        const OTHERS: f32 = 2.2;
+        let gap = (CHAMFER_MM / self.bin_mm).ceil() as usize;
+        let clear = gap + gap / 2;
+        let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
+        for (sight, own) in self.sights.iter().zip(&mut each) {
+            sight.evidence(shift, true, self.bin_mm, own);
+        }
+        let usual: Vec<f32> = (outer + gap / 2..each[0].len())
+            .map(|b| middle(each.iter().map(|own| own[b]).collect()))
+            .collect();
+        // Shadows and vignetting slope slowly.
+        let step = |i: usize| {
+            let near = &usual[i.saturating_sub(clear)..(i + clear + 1).min(usual.len())];
+            (usual[i] - middle(near.to_vec())).abs()
+        };
+        let steps: Vec<f32> = (0..usual.len()).map(step).collect();
+        let most = |list: &mut dyn Iterator<Item = usize>| {
+            list.max_by(|&a, &b| steps[a].total_cmp(&steps[b]))
+        };
+        let best = most(&mut (clear..steps.len()))?;
+        let next = most(&mut (clear / 2..steps.len()).filter(|i| i.abs_diff(best) > gap))?;
+        (steps[best] > LEAST && steps[best] > OTHERS * steps[next])
+            .then_some(outer + gap / 2 + best)
     }
 
     /// The shift near `start` under which the captures agree best on circles in these bins.
@@ -358,6 +400,12 @@ fn steps(profiles: &Profiles) -> Vec<f32> {
     let scale = typical.max(0.005 * strong);
     list.iter_mut().for_each(|s| *s = (*s / scale).clamp(-LOUDEST, LOUDEST));
     list
+}
+
+/// Median.
+fn middle(mut list: Vec<f32>) -> f32 {
+    list.sort_by(f32::total_cmp);
+    0.5 * (list[list.len() / 2] + list[(list.len() - 1) / 2])
 }
 
 /// Mean over five bins.
