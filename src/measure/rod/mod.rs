@@ -9,6 +9,7 @@ mod outer;
 mod points;
 mod report;
 mod seek;
+mod sight;
 
 pub use captures::{Capture, read as read_captures};
 pub use points::points_csv;

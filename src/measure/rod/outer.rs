@@ -9,14 +9,11 @@ use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, Profiles, scan};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::rod::Capture;
+use crate::measure::rod::sight::Sight;
 
-/// How far outside and inside edges are looked for: wider than any chamfer.
-const OUTSIDE_MM: f64 = 1.2;
-const INSIDE_MM: f64 = 0.8;
 /// How far the centre may be off at first.
 const SHIFT_MM: f64 = 0.8;
 /// How far it may be off at the second look: as much as a circle through the rim here and the chamfer there.
@@ -25,17 +22,11 @@ const NEARER_MM: f64 = 0.4;
 const ECCENTRIC_MM: f64 = 0.5;
 /// Width of a bin of distance: finer than any chamfer, and two pixels at least.
 const BIN_MM: f64 = 0.01;
-const LEAST_BIN_PX: f64 = 2.0;
+pub(super) const LEAST_BIN_PX: f64 = 2.0;
 /// The same at first, while the centre is not known.
 const FAR_BIN_MM: f64 = 0.02;
 /// Least width of a chamfer that is told from its rim.
 const CHAMFER_MM: f64 = 0.1;
-/// Sectors along each arc.
-const SECTORS: usize = 32;
-/// Bins on either side of a step.
-const STEP: usize = 3;
-/// One sector's step counts for this many standard deviations at most: dirt and glare must not speak for all.
-const LOUDEST: f32 = 10.0;
 /// A capture half believes in an edge of this many standard errors: turning lines and texture have ten.
 const BELIEVED: f32 = 20.0;
 /// Centres that are looked at closely, and how many steps of the first look they are apart: one likely circle must not have all.
@@ -299,69 +290,6 @@ impl Search<'_> {
     }
 }
 
-/// The steps of brightness of one capture.
-struct Sight {
-    /// Index of the capture's table angle.
-    angle: usize,
-    inside_mm: f64,
-    bins: usize,
-    /// Direction of each sector from the centre.
-    toward: Vec<Vector2<f64>>,
-    /// Step at each bin of each sector, in its standard deviation; and the same, smeared for a first look.
-    sharp: Vec<f32>,
-    smeared: Vec<f32>,
-}
-
-impl Sight {
-    fn new(
-        frame: &Frame,
-        view: &View,
-        about: Circle,
-        [pixel_mm, bin_mm]: [f64; 2],
-        angle: usize,
-    ) -> Option<Self> {
-        let contour = Contour::of_circle(view, about.center, about.radius)?;
-        let inside_px = INSIDE_MM.min(0.5 * about.radius) / pixel_mm;
-        let bin_px = bin_mm / pixel_mm;
-        let band = Band { inside_px, outside_px: OUTSIDE_MM / pixel_mm, bin_px, sectors: SECTORS };
-        // Blocks of half a bin say as much as pixels.
-        let profiles = scan(frame, (bin_px / LEAST_BIN_PX) as usize, &contour, band);
-        let toward = profiles
-            .angle_rad
-            .iter()
-            .map(|&a| (view.to_plane(contour.point(a, 0.0)) - about.center).normalize())
-            .collect();
-        let sharp = steps(&profiles);
-        let bins = profiles.bins;
-        let smeared = sharp.chunks(bins).flat_map(smear).collect();
-        let inside_mm = inside_px * pixel_mm;
-        (sharp.iter().any(|s| *s != 0.0)).then_some(Self {
-            angle,
-            inside_mm,
-            bins,
-            toward,
-            sharp,
-            smeared,
-        })
-    }
-
-    /// How clearly a circle about the shifted centre is an edge of this capture, for every radius: the mean of the
-    /// sectors' steps, in standard errors.
-    fn evidence(&self, shift: Vector2<f64>, fine: bool, bin_mm: f64, out: &mut [f32]) {
-        out.fill(0.0);
-        let steps = if fine { &self.sharp } else { &self.smeared };
-        for (row, toward) in steps.chunks(self.bins).zip(&self.toward) {
-            let offset = (toward.dot(&shift) / bin_mm).round() as isize;
-            let (from, to) = (offset.max(0) as usize, (-offset).max(0) as usize);
-            for (o, s) in out.iter_mut().skip(to).zip(row.iter().skip(from)) {
-                *o += s;
-            }
-        }
-        let scale = 1.0 / (self.toward.len() as f32).sqrt();
-        out.iter_mut().for_each(|o| *o *= scale);
-    }
-}
-
 /// Shifts on a grid, up to `most_mm`.
 fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
     let span = (most_mm / step_mm).ceil() as i32;
@@ -371,49 +299,8 @@ fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
         .filter(move |shift| shift.norm() <= most_mm)
 }
 
-/// Step across every bin of every sector, in standard deviations of the steps of this capture.
-fn steps(profiles: &Profiles) -> Vec<f32> {
-    let bins = profiles.bins;
-    let mut list = vec![0.0f32; profiles.count.len()];
-    for s in 0..profiles.sectors() {
-        let row = profiles.range(s);
-        let (count, value) = (&profiles.count[row.clone()], &profiles.value[row.clone()]);
-        let side = |range: std::ops::Range<usize>| {
-            let n: f32 = count[range.clone()].iter().sum();
-            let sum: f32 = range.map(|i| count[i] * value[i]).sum();
-            (n > 0.0).then(|| sum / n)
-        };
-        for b in STEP..bins.saturating_sub(STEP) {
-            if let (Some(out), Some(inn)) = (side(b + 1..b + 1 + STEP), side(b - STEP..b)) {
-                list[row.start + b] = out - inn;
-            }
-        }
-    }
-    let mut sizes: Vec<f32> = list.iter().map(|s| s.abs()).filter(|s| *s > 0.0).collect();
-    if sizes.is_empty() {
-        return list;
-    }
-    let (middle, high) = (sizes.len() / 2, sizes.len() * 99 / 100);
-    let typical = 1.48 * *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
-    // A picture without noise still has no edges of a two-hundredth of its contrast.
-    let scale = typical.max(0.005 * strong);
-    list.iter_mut().for_each(|s| *s = (*s / scale).clamp(-LOUDEST, LOUDEST));
-    list
-}
-
 /// Median.
 fn middle(mut list: Vec<f32>) -> f32 {
     list.sort_by(f32::total_cmp);
     0.5 * (list[list.len() / 2] + list[(list.len() - 1) / 2])
-}
-
-/// Mean over five bins.
-fn smear(row: &[f32]) -> Vec<f32> {
-    (0..row.len())
-        .map(|i| {
-            let near = &row[i.saturating_sub(2)..(i + 3).min(row.len())];
-            near.iter().sum::<f32>() / near.len() as f32
-        })
-        .collect()
 }
