@@ -210,8 +210,13 @@ impl Search<'_> {
 
     /// A step outside the bin `outer` that most captures have, however faint each: a table's texture has its own in each.
     fn common_step(&self, shift: Vector2<f64>, outer: usize) -> Option<usize> {
+        /// Step in standard errors, and as a multiple of the next one's.
         const LEAST: f32 = 1.5;
         const OTHERS: f32 = 2.2;
+        const CAPTURES: usize = 3;
+        if self.sights.len() < CAPTURES {
+            return None;
+        }
         let gap = (CHAMFER_MM / self.bin_mm).ceil() as usize;
         let clear = gap + gap / 2;
         let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
