@@ -143,7 +143,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let outer = named.or(peaks.last().copied())?;
     let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
     let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b > outer + 10);
-    let common = all.common_step(shift, outer).filter(|_| nominal_mm.is_none());
+    let common = if nominal_mm.is_none() { all.common_step(shift, outer) } else { None };
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
@@ -224,12 +224,12 @@ impl Search<'_> {
             sight.evidence(shift, true, self.bin_mm, own);
         }
         let usual: Vec<f32> = (outer + gap / 2..each[0].len())
-            .map(|b| middle(each.iter().map(|own| own[b]).collect()))
+            .map(|b| median(each.iter().map(|own| own[b]).collect()))
             .collect();
         // Shadows and vignetting slope slowly.
         let step = |i: usize| {
             let near = &usual[i.saturating_sub(clear)..(i + clear + 1).min(usual.len())];
-            (usual[i] - middle(near.to_vec())).abs()
+            (usual[i] - median(near.to_vec())).abs()
         };
         let steps: Vec<f32> = (0..usual.len()).map(step).collect();
         let most = |list: &mut dyn Iterator<Item = usize>| {
@@ -304,8 +304,8 @@ fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
         .filter(move |shift| shift.norm() <= most_mm)
 }
 
-/// Median.
-fn middle(mut list: Vec<f32>) -> f32 {
+/// Median, between the two middle ones of an even number: of few captures the upper one would lean.
+fn median(mut list: Vec<f32>) -> f32 {
     list.sort_by(f32::total_cmp);
     0.5 * (list[list.len() / 2] + list[(list.len() - 1) / 2])
 }
