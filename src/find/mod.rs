@@ -89,6 +89,34 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
     found
 }
 
+/// Circles about a centre that is known, px of the full picture, seen from as near as their size allows: edges that lie too
+/// close to each other for [`circles`] among them.
+pub fn about(frame: &Frame, center: Vector2<f64>, options: Options) -> Vec<Candidate> {
+    /// Reduced pixels, radius and centre together, within which two are one.
+    const APART: f64 = 1.5;
+    let (part, corner) = frame.part(center, 1.05 * options.most_radius_px);
+    if part.width().min(part.height()) < LEAST_PART {
+        return Vec::new();
+    }
+    let look = Look::new(&part, 1);
+    let mut found: Vec<Candidate> = Vec::new();
+    for hint in rays::hints_about(&look, look.reduced(center - corner), options) {
+        let Some(mut seen) = rays::nearby(&look, &hint, options) else { continue };
+        seen.circle.center += corner;
+        let apart = |c: &Candidate| {
+            (c.circle.center - seen.circle.center).norm()
+                + (c.circle.radius - seen.circle.radius).abs()
+        };
+        if !found.iter().any(|c| apart(c) < APART * look.factor as f64) {
+            found.push(seen);
+        }
+    }
+    found
+}
+
+/// Pixels of a part of a picture below which nothing is looked for in it.
+const LEAST_PART: usize = 8;
+
 /// Whether two candidates are one circle seen twice.
 fn same(a: &Candidate, b: &Candidate) -> bool {
     let clearer = if a.score > b.score { a } else { b };

@@ -47,6 +47,18 @@ pub(super) fn hints(look: &Look, center: Vector2<f64>, options: Options) -> Vec<
     list
 }
 
+/// The same from a centre that is known, in the sharpest picture.
+pub(super) fn hints_about(look: &Look, center: Vector2<f64>, options: Options) -> Vec<Hint> {
+    let k = look.factor as f64;
+    let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
+    let rays = Rays::cast(look, 0, center, far + 4.0);
+    let hint = |(agreement, radius, sense)| {
+        let circle = Circle { center, radius };
+        Hint { agreement, scale: 0, circle, sense }
+    };
+    rays.crests(near, far).into_iter().map(hint).collect()
+}
+
 /// The circle that a hint leads to; none where it leads nowhere, or to what is well known already.
 pub(super) fn follow(
     look: &Look,
@@ -66,7 +78,15 @@ pub(super) fn follow(
     if known.iter().any(seen) {
         return None;
     }
-    refine(look, hint.scale, hint.circle, hint.sense, options)
+    let blur = look.scales[hint.scale].0;
+    let window = (0.15 * hint.circle.radius).clamp(3.0, 10.0) + blur;
+    refine(look, hint, (window, 3.0 + blur), options)
+}
+
+/// The circle that a hint from its very centre leads to, clear of others about that centre.
+pub(super) fn nearby(look: &Look, hint: &Hint, options: Options) -> Option<Candidate> {
+    let window = 1.5 + look.scales[hint.scale].0;
+    refine(look, hint, (window, window), options)
 }
 
 impl Rays {
@@ -130,6 +150,36 @@ impl Rays {
             .collect()
     }
 
+    /// Slopes as a part of the steepest, radii and senses where the mean slope of all directions is steepest: the rays' centre is the
+    /// edges'.
+    fn crests(&self, near: f64, far: f64) -> Vec<(f64, f64, f64)> {
+        /// Of the steepest slope.
+        const LEAST: f64 = 0.1;
+        let mean = |slopes: &[f32; RAYS]| {
+            let (mut sum, mut n) = (0.0f32, 0.0f32);
+            for v in slopes.iter().filter(|v| !v.is_nan()) {
+                (sum, n) = (sum + v, n + 1.0);
+            }
+            if n >= 0.15 * RAYS as f32 { f64::from(sum / n) } else { 0.0 }
+        };
+        let means: Vec<f64> = self.slope.iter().map(mean).collect();
+        let inside = |r: &usize| (near..=far).contains(&(*r as f64));
+        let steepest = (0..means.len()).filter(inside).map(|r| means[r].abs()).fold(0.0, f64::max);
+        let mut list: Vec<(f64, f64, f64)> = (1..means.len() - 1)
+            .filter(inside)
+            .filter(|&r| {
+                let along = |i: usize| means[i] * means[r].signum();
+                means[r].abs() > LEAST * steepest
+                    && along(r) >= along(r - 1)
+                    && along(r) > along(r + 1)
+            })
+            .map(|r| (means[r].abs() / steepest, r as f64, means[r].signum()))
+            .collect();
+        list.sort_by(|a, b| b.0.total_cmp(&a.0));
+        list.truncate(CIRCLES);
+        list
+    }
+
     /// Agreements, radii and senses at which edges agree over the directions.
     fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64, f64)> {
         let agree = self.agreement();
@@ -154,20 +204,16 @@ impl Rays {
     }
 }
 
-/// A circle through the edges near a rough one. Converges from a few pixels away.
-fn refine(
-    look: &Look,
-    scale: usize,
-    rough: Circle,
-    sense: f64,
-    options: Options,
-) -> Option<Candidate> {
+/// A circle through the edges near a rough one, looked for within the first of `windows` (reduced pixels), less and less until the
+/// other.
+fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Option<Candidate> {
     /// A circle that shows so little of the coverage it needs, as a part, will not come to it.
     const HOPELESS: f64 = 0.6;
-    let (blur, image) = (&look.scales[scale].0, &look.scales[scale].1);
+    let Hint { circle: rough, sense, .. } = *hint;
+    let (blur, image) = (&look.scales[hint.scale].0, &look.scales[hint.scale].1);
     let k = look.factor as f64;
     let mut guess = rough;
-    let mut window = (0.15 * rough.radius).clamp(3.0, 10.0) + blur;
+    let mut window = windows.0;
     let mut result = None;
     let (mut points, mut slopes, mut profile) = (Vec::new(), Vec::new(), Vec::<f32>::new());
     let mut nearness: Vec<f32> = Vec::new();
@@ -244,7 +290,7 @@ fn refine(
             return None;
         }
         result = Some((coverage, fitted.scale));
-        window = (window * 0.7).max(3.0 + blur);
+        window = (window * 0.7).max(windows.1);
         if moved < 0.05 {
             break;
         }

@@ -1,6 +1,8 @@
 //! Gray pixels of any depth, and pictures reduced by averaging blocks.
 
-use std::ops::AddAssign;
+use std::ops::{AddAssign, Range};
+
+use nalgebra::Vector2;
 
 /// A pixel value that measures as a number.
 pub trait Sample: Copy + Send + Sync + 'static {
@@ -58,6 +60,13 @@ impl<T: Sample> Gray<T> {
     /// One row of pixels.
     pub fn row(&self, v: usize) -> &[T] {
         &self.data[v * self.width..(v + 1) * self.width]
+    }
+
+    fn part(&self, columns: Range<usize>, rows: Range<usize>) -> Self {
+        let (width, height) = (columns.len(), rows.len());
+        let mut data = Vec::with_capacity(width * height);
+        rows.for_each(|v| data.extend_from_slice(&self.row(v)[columns.clone()]));
+        Self { width, height, data }
     }
 }
 
@@ -142,6 +151,21 @@ impl Frame {
             Self::Eight(g) => g.reduce(factor),
             Self::Sixteen(g) => g.reduce(factor),
         }
+    }
+
+    /// What lies within `reach_px` of a place, each way, and the place of its first pixel.
+    pub fn part(&self, middle: Vector2<f64>, reach_px: f64) -> (Self, Vector2<f64>) {
+        let span = |at: f64, size: usize| {
+            let limit = |v: f64| v.clamp(0.0, size as f64) as usize;
+            limit((at - reach_px).floor())..limit((at + reach_px).ceil() + 1.0)
+        };
+        let (columns, rows) = (span(middle.x, self.width()), span(middle.y, self.height()));
+        let corner = Vector2::new(columns.start as f64, rows.start as f64);
+        let part = match self {
+            Self::Eight(g) => Self::Eight(g.part(columns, rows)),
+            Self::Sixteen(g) => Self::Sixteen(g.part(columns, rows)),
+        };
+        (part, corner)
     }
 
     /// The light that a sensor has counted whose counts are proportional to its power of `1 / gamma`.

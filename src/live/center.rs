@@ -16,7 +16,7 @@ use crate::find::{self, Candidate};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::live::{Event, Feed, Shot};
-use crate::measure::circles::around;
+use crate::measure::expected::around;
 use crate::measure::ring::{self, Ring, Search};
 use crate::measure::rod;
 use crate::uncertainty::{K95, Verdict, distance, k95};

@@ -5,17 +5,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
-use crate::find::{self, Candidate, ITSELF, Sides};
-use crate::fit::Circle;
+use crate::find;
 use crate::frame::{Channel, Frame, Picture};
-use crate::measure::ring::{self, Ring, Search};
-use crate::measure::{CircleReport, best_channel};
+use crate::measure::ring::Ring;
+use crate::measure::{CircleReport, best_channel, expected};
 use crate::uncertainty::distance;
-
-/// A circle is looked for within this share of its expected diameter.
-const DIAMETER_WINDOW: f64 = 0.12;
-/// Candidates that are tried: the edges of an annulus gather into several of a spot's size.
-const TRIES: usize = 8;
 
 /// What is asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -153,54 +147,15 @@ fn in_frame(
                 "check the unit (mm) and the calibration's scale",
             ));
         }
-        let candidates = find::circles(
-            &look,
-            find::Options {
-                least_radius_px: radius_px * (1.0 - DIAMETER_WINDOW),
-                most_radius_px: radius_px * (1.0 + DIAMETER_WINDOW),
-                near: None,
-                least_coverage: 0.25,
-                centers: 8,
-                known: &[],
-            },
-        );
-        let mut ragged: Option<Ring> = None;
-        let ring = pick(&candidates, radius_px)
-            .into_iter()
-            .take(TRIES)
-            .find_map(|c| {
-                let ring = measure_candidate(frame, view, &c, &candidates)?;
-                let off = (2.0 * ring.circle.radius / expect_mm - 1.0).abs();
-                if off > DIAMETER_WINDOW {
-                    return None;
-                }
-                let faint = ring.contrast.abs() < FAINT * ring.noise;
-                if form(&ring) < REGULAR && !faint {
-                    return Some(ring);
-                }
-                let others: Vec<Circle> =
-                    candidates.iter().filter(|o| rivals(o, &c)).map(|o| o.circle).collect();
-                if find::stands_out(&look, &c, Sides::Edge, &others) == Some(false) {
-                    return None;
-                }
-                if form(&ring) < if faint { REGULAR } else { RAGGED } {
-                    return Some(ring);
-                }
-                let best = ragged.as_ref().map_or(MOST_RAGGED, form);
-                if form(&ring) < best && !faint && ring.arc_coverage > WHOLE {
-                    ragged = Some(ring);
-                }
-                None
-            })
-            .or(ragged)
-            .map(Ring::perhaps_soft)
-            .ok_or_else(|| {
-                Error::measure(
-                    subject,
-                    format!("shows no circle of about {expect_mm} mm diameter ({radius_px:.0} px radius)"),
-                    "check the picture, the expected diameter and the calibration's scale",
-                )
-            })?;
+        let ring = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
+            Error::measure(
+                subject,
+                format!(
+                    "shows no circle of about {expect_mm} mm diameter ({radius_px:.0} px radius)"
+                ),
+                "check the picture, the expected diameter and the calibration's scale",
+            )
+        })?;
         if ring.arc_coverage < 0.5 {
             warnings.push(format!(
                 "only {:.0} % of the {expect_mm} mm circle's edge was found",
@@ -212,80 +167,6 @@ fn in_frame(
     }
     let pairs = pairs(&rings);
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
-}
-
-/// Contrast over a pixel's noise below which texture may look like a circle's edge: it must be regular and stand out.
-const FAINT: f64 = 2.0;
-/// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
-const REGULAR: f64 = 0.015;
-/// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
-const RAGGED: f64 = 0.03;
-/// ... and above which it is no circle's, whole as it may seem.
-const MOST_RAGGED: f64 = 0.08;
-/// Share of its circumference that the edge of a poor part shows.
-const WHOLE: f64 = 0.85;
-
-/// Whether another circle is about as strong, and not the same one seen twice.
-fn rivals(other: &Candidate, c: &Candidate) -> bool {
-    let apart = (other.circle.center - c.circle.center).norm() / c.circle.radius;
-    let larger = other.circle.radius / c.circle.radius - 1.0;
-    other.score > 0.3 * c.score && apart.max(larger.abs()) > 0.1
-}
-
-/// Root mean square of a circle's form over its radius.
-fn form(ring: &Ring) -> f64 {
-    ring.form_rms_mm / ring.circle.radius
-}
-
-/// Candidates in the order in which they are tried: strong ones near the expected radius first.
-fn pick(candidates: &[Candidate], radius_px: f64) -> Vec<Candidate> {
-    let mut list = candidates.to_vec();
-    let rank =
-        |c: &Candidate| c.score / (1.0 + ((c.circle.radius / radius_px - 1.0) / 0.05).powi(2));
-    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
-    list
-}
-
-/// Measures a circle that was found, keeping clear of its concentric neighbours.
-pub(crate) fn measure_candidate(
-    frame: &Frame,
-    view: &View,
-    candidate: &Candidate,
-    others: &[Candidate],
-) -> Option<Ring> {
-    let (rough, search) = around(view, candidate, others);
-    ring::measure(frame, view, rough, search, None)
-}
-
-/// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.
-pub(crate) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
-    let c = candidate.circle;
-    let center = view.to_plane(c.center);
-    let radius = c.radius * view.mm_per_px(c.center).determinant().abs().sqrt();
-    let (mut inside, mut outside) = (0.9 * c.radius, 0.9 * c.radius);
-    for o in others {
-        let apart = o.circle.radius - c.radius;
-        let off = (o.circle.center - c.center).norm();
-        // A neighbour is as concentric as both are steady; what is not is no edge of this part.
-        let concentric = off < 0.02 * c.radius + 2.0 + candidate.scatter_px.min(0.05 * c.radius);
-        // Within an edge's own softness there is no other.
-        let itself = o.step * candidate.step > 0.0 && apart.abs() < ITSELF * candidate.softness_px;
-        if concentric && !itself && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
-            let half = (0.6 * apart.abs() - off).max(3.0);
-            if apart < 0.0 {
-                inside = inside.min(half);
-            } else {
-                outside = outside.min(half);
-            }
-        }
-    }
-    let search = Search {
-        reach_px: (3.0 * candidate.scatter_px).clamp(3.0, 0.2 * c.radius + 4.0),
-        inside_limit_px: inside,
-        outside_limit_px: outside,
-        softness_px: candidate.softness_px.max(1.0),
-    };
-    (Circle { center, radius }, search)
 }
 
 fn pairs(rings: &[Ring]) -> Vec<Pair> {

@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::circles::{around, measure_candidate};
 use crate::measure::concentric;
+use crate::measure::expected::{around, measure_candidate};
 use crate::measure::ring::{self, Ring};
 use crate::measure::spot;
 

@@ -4,6 +4,7 @@ pub mod burn;
 pub mod circles;
 mod concentric;
 pub mod cross;
+pub(crate) mod expected;
 mod marks;
 pub mod offset;
 mod polygon;

@@ -1,0 +1,245 @@
+//! One circle of an expected diameter: which of the edges in a picture it is, measured.
+
+use crate::camera::View;
+use crate::find::{self, Candidate, ITSELF, Look, Sides};
+use crate::fit::Circle;
+use crate::frame::Frame;
+use crate::measure::polygon::is_polygon;
+use crate::measure::ring::{self, Ring, Search};
+
+/// A circle is looked for within this share of its expected diameter.
+const DIAMETER_WINDOW: f64 = 0.12;
+/// Edges about the same centre that may disturb it, in its radii.
+const NEIGHBOURS: std::ops::Range<f64> = 0.5..1.6;
+/// Candidates that are tried: the edges of an annulus gather into several of a spot's size.
+const TRIES: usize = 8;
+/// Centres about which other edges are looked for from nearby.
+const CENTERS: usize = 3;
+/// An edge beside another, told apart from nearby, is seen on so much of its circumference, with such a part of the other's step.
+const BESIDE: (f64, f64) = (0.6, 0.2);
+/// Of two such edges that one is meant which is nearer to the expected radius by this part of it.
+const NEARER: f64 = 0.015;
+
+/// Contrast over a pixel's noise below which texture may look like a circle's edge: it must be regular and stand out.
+const FAINT: f64 = 2.0;
+/// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
+const REGULAR: f64 = 0.015;
+/// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
+const RAGGED: f64 = 0.03;
+/// ... and above which it is no circle's, whole as it may seem.
+const MOST_RAGGED: f64 = 0.08;
+/// Share of its circumference that the edge of a poor part shows, or a faint one.
+const WHOLE: f64 = 0.85;
+/// Standard deviation of the centre, as its edge tells it, over the radius, and of an arc's radius: what is less sure is gathered
+/// from anything, or straight. Less where less of the circle is seen.
+const DOUBT: f64 = 0.03;
+/// A measured step as a part of the one that was found; another is another edge's.
+const SAME_STEP: std::ops::Range<f64> = 0.3..4.0;
+/// An edge that was found so far away, in radii, is another than the one that was looked for, ...
+const ASTRAY: f64 = 0.03;
+/// ... which is then looked for no farther than this, in softnesses, in turn.
+const NEARBY: [f64; 2] = [4.0, 2.5];
+
+/// The circle of about `expect_mm` diameter that the picture shows best; `None` where it shows none.
+pub(super) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -> Option<Ring> {
+    let radius_px = 0.5 * expect_mm / view.pixel_mm();
+    let options = |from: f64, to: f64| find::Options {
+        least_radius_px: from * radius_px,
+        most_radius_px: to * radius_px,
+        near: None,
+        least_coverage: 0.25,
+        centers: 8,
+        known: &[],
+    };
+    let candidates = find::circles(look, options(1.0 - DIAMETER_WINDOW, 1.0 + DIAMETER_WINDOW));
+    let picture = Picture { frame, view, look, candidates: &candidates, expect_mm };
+    let mut ragged: Option<Ring> = None;
+    let mut tried = |found: Option<Found>| match found? {
+        Found::Circle(ring) => Some(ring),
+        Found::Ragged(ring) => {
+            if ragged.as_ref().is_none_or(|best| form(&ring) < form(best)) {
+                ragged = Some(ring);
+            }
+            None
+        }
+    };
+    let off = |c: &Candidate| (c.circle.radius / radius_px - 1.0).abs();
+    for (nth, c) in pick(&candidates, radius_px).into_iter().take(TRIES).enumerate() {
+        // From nearby edges are told apart that are one from afar: the one nearer to what is expected is meant.
+        let wide = options(NEIGHBOURS.start, NEIGHBOURS.end);
+        let nearby = if nth < CENTERS { find::about(frame, c.circle.center, wide) } else { vec![] };
+        let clear =
+            |o: &&Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
+        let beside = told_apart(nearby.iter().filter(clear).copied().collect());
+        let mut meant: Vec<&Candidate> =
+            beside.iter().filter(|o| o.step * c.step > 0.0 && off(o) < off(&c) - NEARER).collect();
+        meant.sort_by(|a, b| off(a).total_cmp(&off(b)));
+        let nearer = meant.into_iter().find_map(|o| tried(picture.measure(o, &beside)));
+        if nearer.is_some() {
+            return nearer;
+        }
+        let apart = |o: &&Candidate| !one(o, &c, look);
+        let neighbours: Vec<Candidate> =
+            candidates.iter().chain(beside.iter().filter(apart)).copied().collect();
+        if let Some(ring) = tried(picture.measure(&c, &neighbours)) {
+            return Some(ring);
+        }
+    }
+    ragged
+}
+
+/// Concentric edges, each no softer than those beside it leave room for: seen together, two look like a soft one.
+fn told_apart(mut edges: Vec<Candidate>) -> Vec<Candidate> {
+    /// Of the gap to the next.
+    const SOFTEST: f64 = 0.25;
+    let radii: Vec<f64> = edges.iter().map(|e| e.circle.radius).collect();
+    for e in &mut edges {
+        let gaps = radii.iter().map(|r| (r - e.circle.radius).abs()).filter(|gap| *gap > 0.0);
+        e.softness_px = gaps.fold(e.softness_px, |softest, gap| softest.min(SOFTEST * gap));
+    }
+    edges
+}
+
+/// What a candidate led to.
+enum Found {
+    Circle(Ring),
+    /// Perhaps a poor part's edge; anything better is preferred.
+    Ragged(Ring),
+}
+
+/// Where a circle is looked for.
+struct Picture<'a> {
+    frame: &'a Frame,
+    view: &'a View,
+    look: &'a Look,
+    candidates: &'a [Candidate],
+    expect_mm: f64,
+}
+
+impl Picture<'_> {
+    /// A candidate measured, if it is a circle of the expected size.
+    fn measure(&self, c: &Candidate, neighbours: &[Candidate]) -> Option<Found> {
+        let (rough, search) = around(self.view, c, neighbours);
+        let look = |search| ring::measure(self.frame, self.view, rough, search, None);
+        let judge = |ring: Ring| self.judge(c, ring);
+        let ring = look(search)?;
+        let astray = |ring: &Ring| {
+            let moved = (ring.circle.center - rough.center).norm()
+                + (ring.circle.radius - rough.radius).abs();
+            moved > ASTRAY * rough.radius
+        };
+        if astray(&ring) {
+            let nearer = NEARBY.iter().find_map(|softnesses| {
+                look(search.nearby(*softnesses)).filter(|r| !astray(r)).and_then(judge)
+            });
+            if nearer.is_some() {
+                return nearer;
+            }
+        }
+        judge(ring)
+    }
+
+    /// Whether what was measured is a circle of the expected size.
+    fn judge(&self, c: &Candidate, ring: Ring) -> Option<Found> {
+        let ring = ring.perhaps_soft();
+        let is_arc = ring.arc_coverage < WHOLE;
+        let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
+        let doubt = DOUBT * ring.arc_coverage.min(1.0).powi(2);
+        if off > DIAMETER_WINDOW
+            || !SAME_STEP.contains(&(ring.contrast / c.step))
+            || ring.fitted_sd_mm > doubt * ring.circle.radius
+            || is_arc && ring.covariance[(2, 2)].sqrt() > doubt * ring.circle.radius
+            || is_polygon(&ring.residuals, ring.circle.radius)
+        {
+            return None;
+        }
+        let faint = ring.contrast.abs() < FAINT * ring.noise;
+        if faint && is_arc {
+            return None;
+        }
+        if form(&ring) < REGULAR && !faint {
+            return Some(Found::Circle(ring));
+        }
+        let rivals: Vec<Circle> =
+            self.candidates.iter().filter(|o| rivals(o, c)).map(|o| o.circle).collect();
+        if find::stands_out(self.look, c, Sides::Edge, &rivals) == Some(false) {
+            return None;
+        }
+        if form(&ring) < if faint { REGULAR } else { RAGGED } {
+            return Some(Found::Circle(ring));
+        }
+        let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc;
+        poor.then_some(Found::Ragged(ring))
+    }
+}
+
+/// Whether two were seen on one edge, as far as the reduced picture can tell.
+fn one(a: &Candidate, b: &Candidate, look: &Look) -> bool {
+    const APART: f64 = 1.5;
+    let apart =
+        (a.circle.center - b.circle.center).norm() + (a.circle.radius - b.circle.radius).abs();
+    a.step * b.step > 0.0 && apart < APART * look.factor as f64
+}
+
+/// Whether another circle is about as strong, and not the same one seen twice.
+fn rivals(other: &Candidate, c: &Candidate) -> bool {
+    let apart = (other.circle.center - c.circle.center).norm() / c.circle.radius;
+    let larger = other.circle.radius / c.circle.radius - 1.0;
+    other.score > 0.3 * c.score && apart.max(larger.abs()) > 0.1
+}
+
+/// Root mean square of a circle's form over its radius.
+fn form(ring: &Ring) -> f64 {
+    ring.form_rms_mm / ring.circle.radius
+}
+
+/// Candidates in the order in which they are tried: strong ones near the expected radius first.
+fn pick(candidates: &[Candidate], radius_px: f64) -> Vec<Candidate> {
+    let mut list = candidates.to_vec();
+    let rank =
+        |c: &Candidate| c.score / (1.0 + ((c.circle.radius / radius_px - 1.0) / 0.05).powi(2));
+    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+    list
+}
+
+/// Measures a circle that was found, keeping clear of its concentric neighbours.
+pub(crate) fn measure_candidate(
+    frame: &Frame,
+    view: &View,
+    candidate: &Candidate,
+    others: &[Candidate],
+) -> Option<Ring> {
+    let (rough, search) = around(view, candidate, others);
+    ring::measure(frame, view, rough, search, None)
+}
+
+/// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.
+pub(crate) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
+    let c = candidate.circle;
+    let center = view.to_plane(c.center);
+    let radius = c.radius * view.mm_per_px(c.center).determinant().abs().sqrt();
+    let (mut inside, mut outside) = (0.9 * c.radius, 0.9 * c.radius);
+    for o in others {
+        let apart = o.circle.radius - c.radius;
+        let off = (o.circle.center - c.center).norm();
+        // A neighbour is as concentric as both are steady; what is not is no edge of this part.
+        let concentric = off < 0.02 * c.radius + 2.0 + candidate.scatter_px.min(0.05 * c.radius);
+        // Within an edge's own softness there is no other.
+        let itself = o.step * candidate.step > 0.0 && apart.abs() < ITSELF * candidate.softness_px;
+        if concentric && !itself && apart.abs() > 3.0 + off && o.score > 0.15 * candidate.score {
+            let half = (0.6 * apart.abs() - off).max(3.0);
+            if apart < 0.0 {
+                inside = inside.min(half);
+            } else {
+                outside = outside.min(half);
+            }
+        }
+    }
+    let search = Search {
+        reach_px: (3.0 * candidate.scatter_px).clamp(3.0, 0.2 * c.radius + 4.0),
+        inside_limit_px: inside,
+        outside_limit_px: outside,
+        softness_px: candidate.softness_px.max(1.0),
+    };
+    (Circle { center, radius }, search)
+}

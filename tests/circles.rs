@@ -1,0 +1,89 @@
+//! Which edge `circles` takes for a circle of the expected diameter, and what it refuses to take for one.
+
+use nalgebra::Vector2;
+use pivotsight::camera::{Calibration, Mapping};
+use pivotsight::error::Result;
+use pivotsight::frame::Picture;
+use pivotsight::measure::circles::{self, Measured, Options};
+
+const WIDTH: u32 = 640;
+const HEIGHT: u32 = 480;
+
+/// A picture of what is `level` counts bright at a place, in 4×4 parts of each pixel, with ±1.5 counts of noise.
+fn picture(level: impl Fn(Vector2<f64>) -> f64) -> Picture {
+    let mut state = 7u32;
+    let mut noise = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        3.0 * (f64::from(state >> 8) / f64::from(1u32 << 24) - 0.5)
+    };
+    let gray = image::GrayImage::from_fn(WIDTH, HEIGHT, |u, v| {
+        let part = |k: u32| {
+            let at = |p: u32, k: u32| f64::from(p) + (f64::from(k) - 1.5) / 4.0;
+            level(Vector2::new(at(u, k % 4), at(v, k / 4)))
+        };
+        let mean = (0..16).map(part).sum::<f64>() / 16.0;
+        image::Luma([(mean + noise()).round().clamp(0.0, 255.0) as u8])
+    });
+    let mut png = std::io::Cursor::new(Vec::new());
+    gray.write_to(&mut png, image::ImageFormat::Png).unwrap();
+    Picture::decode("painted", png.get_ref()).unwrap()
+}
+
+/// A circle of an expected diameter at 0.01 mm a pixel.
+fn circle(picture: &Picture, expect_mm: f64) -> Result<Measured> {
+    let mapping = Mapping::Scale { mm_per_px: 0.01, rotation_deg: 0.0 };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
+    let options = Options { expect_mm: vec![expect_mm], channel: Default::default() };
+    circles::measure(picture, &calibration, &options, "painted")
+}
+
+fn center() -> Vector2<f64> {
+    Vector2::new(311.3, 246.8)
+}
+
+/// A hole and its chamfer are two circles: which of them is meant, the expected diameter says.
+#[test]
+fn of_a_hole_and_its_chamfer_the_expected_one_is_measured() {
+    for (hole_px, chamfer_px) in [(128.0, 138.0), (150.0, 163.0)] {
+        let seen = picture(|p| match (p - center()).norm() {
+            r if r < hole_px => 20.0,
+            r if r < chamfer_px => 70.0,
+            _ => 170.0,
+        });
+        for radius_px in [hole_px, chamfer_px] {
+            let found = circle(&seen, 0.02 * radius_px).unwrap().report.circles[0].circle.clone();
+            let off_mm = found.diameter_mm - 0.02 * radius_px;
+            assert!(off_mm.abs() < 0.002, "{hole_px} {chamfer_px}: {radius_px} off by {off_mm}");
+        }
+    }
+}
+
+/// Hexagons, ellipses' ends and a dark background's noise are no circles.
+#[test]
+fn what_is_no_circle_is_refused() {
+    let hexagon = |p: Vector2<f64>| {
+        (0..6).all(|k| {
+            let (s, c) = (f64::from(k) * std::f64::consts::FRAC_PI_3 + 0.2).sin_cos();
+            (p - center()).dot(&Vector2::new(c, s)) < 120.0
+        })
+    };
+    let ellipse = |p: Vector2<f64>| {
+        let d = p - center();
+        (d.x / 170.0).powi(2) + (d.y / 60.0).powi(2) < 1.0
+    };
+    let square = |p: Vector2<f64>| (p - center()).amax() < 110.0;
+    let shapes: [(&str, &dyn Fn(Vector2<f64>) -> bool); 4] = [
+        ("hexagon", &hexagon),
+        ("ellipse", &ellipse),
+        ("square", &square),
+        ("nothing", &|_| false),
+    ];
+    for (name, shape) in shapes {
+        let seen = picture(|p| if shape(p) { 140.0 } else { 30.0 });
+        for radius_px in [50.0, 80.0, 110.0, 127.0, 160.0, 220.0] {
+            if let Ok(found) = circle(&seen, 0.02 * radius_px) {
+                panic!("{name} for a radius of {radius_px} px: {:?}", found.report.circles[0]);
+            }
+        }
+    }
+}
