@@ -107,8 +107,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
             all.push(Part::Extra(k));
         }
     }
-    let put_back: Vec<_> =
-        all.iter().map(|&p| (range(p), contribution(fitter, &f.model, p))).collect();
+    let put_back: Vec<_> = all.iter().map(|&p| (range(p), along(fitter, f, p, range(p)))).collect();
     let standing = Standing::new(fitter, f, &put_back);
     let (mut linear, mut shape_parameters, mut free) = (Vec::new(), 0, false);
     let mut choices = 0.0;
@@ -142,6 +141,24 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
     pool.candidates[0].choice = choices;
     let score = standing.scores(fitter, f, &pool).into_iter().next();
     (standing, score)
+}
+
+/// What a part adds, in the tangent of the fit: a scale far from its zero moves a rod by more than its curvature allows, and the
+/// baseline takes that up again.
+fn along(fitter: &Fitter, f: &Fitted, part: Part, range: std::ops::Range<usize>) -> Vec<f64> {
+    let linear = match part {
+        Part::Effect(i) => linear_columns(fitter, &f.model.active[i], range).0,
+        Part::Extra(_) => range.collect(),
+    };
+    if linear.is_empty() {
+        return contribution(fitter, &f.model, part);
+    }
+    let free = fitter.free(&f.model);
+    let mut sum = vec![0.0; f.residual.len()];
+    for c in linear {
+        sum.iter_mut().zip(f.tangent.column(c).iter()).for_each(|(s, t)| *s += free[c] * t);
+    }
+    sum
 }
 
 /// Tangent columns of an effect's linear parameters, and the number of its form parameters.

@@ -77,6 +77,11 @@ impl Rod {
         high - low
     }
 
+    /// Machine places as seen from the rod: what a scale or squareness does to where the rod itself stands is its centre's.
+    pub fn from_rod(&self) -> impl Iterator<Item = Vector2<f64>> {
+        self.place.iter().map(|p| p - self.pole)
+    }
+
     /// First time.
     pub fn start_s(&self) -> f64 {
         self.t_s.iter().copied().fold(f64::INFINITY, f64::min)

@@ -231,8 +231,8 @@ fn axis_effects(l: &mut L, data: &Rod) {
             data.needs(&[["x_mm", "y_mm"][axis]]),
         );
         l.form(vec![Parameter::linear("um_per_m", 20.0)], move |data, p, errors| {
-            for (e, place) in errors.iter_mut().zip(&data.place) {
-                e.place[axis] += p[0] * 1e-6 * place[axis];
+            for (e, from_rod) in errors.iter_mut().zip(data.from_rod()) {
+                e.place[axis] += p[0] * 1e-6 * from_rod[axis];
             }
         });
     }
@@ -241,14 +241,14 @@ fn axis_effects(l: &mut L, data: &Rod) {
         data.needs(&["y_mm"]),
     );
     l.form(vec![Parameter::linear("um_per_m", 20.0)], |data, p, errors| {
-        for (e, place) in errors.iter_mut().zip(&data.place) {
-            e.place.x -= p[0] * 1e-6 * place.y;
+        for (e, from_rod) in errors.iter_mut().zip(data.from_rod()) {
+            e.place.x -= p[0] * 1e-6 * from_rod.y;
         }
     });
     // The same with Y taken for the straight one: the machine's frame is turned.
     l.form(vec![Parameter::linear("other_leg_um_per_m", 20.0)], |data, p, errors| {
-        for (e, place) in errors.iter_mut().zip(&data.place) {
-            e.place.y -= p[0] * 1e-6 * place.x;
+        for (e, from_rod) in errors.iter_mut().zip(data.from_rod()) {
+            e.place.y -= p[0] * 1e-6 * from_rod.x;
         }
     });
     let both = "each place approached from both sides";
