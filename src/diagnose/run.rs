@@ -31,7 +31,7 @@ pub struct Options {
 /// p-value under which a lack of fit is said to exist.
 const LACK_OF_FIT_P: f64 = 1e-3;
 /// p-value under which two outputs are said to repeat unlike well.
-const UNLIKE_NOISE_P: f64 = 1e-4;
+const UNLIKE_NOISE_P: f64 = 0.01;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
 
