@@ -92,6 +92,11 @@ impl View {
         project(&self.to_plane, p + shift) - plane_mm
     }
 
+    /// From the lens to the plane along its axis, mm: the size in the plane of an angle seen through a lens whose focal length is known.
+    pub fn distance_mm(&self) -> f64 {
+        projection_jacobian(&self.to_plane, Vector2::zeros()).determinant().abs().sqrt()
+    }
+
     /// Mean size of a pixel in the plane, at the frame's middle.
     pub fn pixel_mm(&self) -> f64 {
         let middle =

@@ -25,6 +25,8 @@ use crate::table::Table;
 pub struct Rod {
     view: View,
     lens: bool,
+    /// From the camera to the plane, where the calibration has a lens to tell it.
+    distance_mm: Option<f64>,
     /// Unit vectors of the picture's axes on the plane: along u, against v.
     axes: [Vector2<f64>; 2],
     /// Machine place of each capture.
@@ -98,13 +100,28 @@ impl Rod {
         let [eu, ev] = self.axes;
         let own = Vector2::new(eu.dot(&w), ev.dot(&w));
         let linear = |row: usize| c.linear[row][0] * own.x + c.linear[row][1] * own.y;
-        let perspective = c.tilt[0] * own.x + c.tilt[1] * own.y;
         let light = c.light[0] * own.x + c.light[1] * own.y;
-        let mut shift = eu * linear(0) + ev * linear(1) + w * perspective + n * light;
+        let tilted = self.tilted(own, Vector2::from(c.tilt)) - own;
+        let mut shift = eu * (linear(0) + tilted.x) + ev * (linear(1) + tilted.y) + n * light;
         if c.lens != [0.0; 4] {
             shift += self.view.lens_shift_mm(w, c.lens);
         }
         shift
+    }
+
+    /// Where a camera that is tilted sees a place of the plane (both in the picture's own axes): nearer is larger by `tilt` per mm,
+    /// and along the tilt all is foreshortened, as far as the camera's distance is known.
+    fn tilted(&self, own: Vector2<f64>, tilt: Vector2<f64>) -> Vector2<f64> {
+        /// A camera leans no farther.
+        const MOST_SINE: f64 = 0.9;
+        let strength = tilt.norm();
+        if strength == 0.0 {
+            return own;
+        }
+        let sine = (strength * self.distance_mm.unwrap_or(0.0)).min(MOST_SINE);
+        let along = tilt / strength;
+        let shortened = along * (along.dot(&own) * (1.0 - (1.0 - sine * sine).sqrt()));
+        (own - shortened) / (1.0 - tilt.dot(&own))
     }
 
     /// Distance from the pole at which the edge should be seen, in the direction of point `i`.
@@ -234,6 +251,7 @@ impl RodExperiment {
         let ev = Vector2::new(-eu.y, eu.x);
         let data = Rod {
             lens,
+            distance_mm: lens.then(|| view.distance_mm()),
             axes: [eu, ev],
             c_sense: sense,
             c_rad: c_deg.iter().map(|c| sense * c.to_radians()).collect(),
