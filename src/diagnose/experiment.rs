@@ -36,6 +36,21 @@ impl Parameter {
     pub fn is_switch(&self) -> bool {
         self.typical == 0.0
     }
+
+    /// All combinations of the grid values of several; linear parameters at zero.
+    pub fn grid_points(parameters: &[Self]) -> Vec<Vec<f64>> {
+        let mut points = vec![Vec::new()];
+        for p in parameters {
+            let choices: &[f64] = if p.grid.is_empty() { &[0.0] } else { &p.grid };
+            points = points
+                .into_iter()
+                .flat_map(|point: Vec<f64>| {
+                    choices.iter().map(move |v| [point.clone(), vec![*v]].concat())
+                })
+                .collect();
+        }
+        points
+    }
 }
 
 /// A library effect, as far as naming and explaining it goes.

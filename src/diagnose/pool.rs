@@ -215,7 +215,7 @@ impl Pool {
                 continue;
             }
             for (form, parameters) in info.forms.iter().enumerate() {
-                for values in grid_points(parameters) {
+                for values in Parameter::grid_points(parameters) {
                     let linear: Vec<usize> =
                         (0..values.len()).filter(|&i| parameters[i].grid.is_empty()).collect();
                     let mut block = DMatrix::zeros(base.len(), linear.len());
@@ -305,19 +305,4 @@ impl Pool {
         }
         inner
     }
-}
-
-/// All combinations of the grid values; linear parameters at zero.
-fn grid_points(parameters: &[Parameter]) -> Vec<Vec<f64>> {
-    let mut points = vec![Vec::new()];
-    for p in parameters {
-        let choices: &[f64] = if p.grid.is_empty() { &[0.0] } else { &p.grid };
-        points = points
-            .into_iter()
-            .flat_map(|point: Vec<f64>| {
-                choices.iter().map(move |v| [point.clone(), vec![*v]].concat())
-            })
-            .collect();
-    }
-    points
 }

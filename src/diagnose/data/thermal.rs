@@ -4,8 +4,9 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::columns::Columns;
+use crate::diagnose::effects::thermal::library;
 use crate::diagnose::effects::thermal_columns::{Column, dead_sensor, metres, times};
-use crate::diagnose::experiment::Parameter;
+use crate::diagnose::experiment::{Active, Parameter};
 
 /// What the data ask of the baseline beside slope and zero of every axis' screw.
 #[derive(Debug, Clone, Copy, Default)]
@@ -29,19 +30,30 @@ enum Cold {
 }
 
 impl Baseline {
-    /// The likeliest by the Bayesian information criterion: coefficients that are not needed, or a T₀ that is free, would hide
-    /// effects.
+    /// The likeliest by the Bayesian information criterion, with or without any one effect, which would else be made up for by another
+    /// T₀: coefficients that are not needed, or a T₀ that is free, would hide effects.
     pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
         let y = DVector::from_column_slice(error_mm);
         let rows = y.len() as f64;
         let criterion = |baseline: &Self| {
-            let columns = baseline.columns(data);
-            let basis = orthonormal(&columns, 1e-9);
-            let left = (&y - &basis * basis.tr_mul(&y)).norm_squared();
+            let mut data = data.clone();
+            data.t0_c = baseline.t0_c(&data);
+            let basis = orthonormal(&baseline.columns(&data), 1e-9);
+            let beside = &y - &basis * basis.tr_mul(&y);
             // Another T₀ than the usual one is a choice like a coefficient more.
             let chosen = basis.ncols() + usize::from(!matches!(baseline.cold, Cold::Coldest));
-            rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
-                + chosen as f64 * rows.ln()
+            let of = |left: f64, coefficients: usize| {
+                rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
+                    + coefficients as f64 * rows.ln()
+            };
+            let effects = single_effects(&data);
+            let choice = 2.0 * (effects.len().max(1) as f64).ln();
+            let with_one = effects.iter().map(|(effect, shapes)| {
+                let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
+                let left = (&beside - &own * own.tr_mul(&beside)).norm_squared();
+                of(left, chosen + own.ncols() + shapes) + choice
+            });
+            with_one.fold(of(beside.norm_squared(), chosen), f64::min)
         };
         let of = |own_heads| {
             [Cold::Coldest, Cold::First, Cold::Reference].map(|cold| Self { own_heads, cold })
@@ -81,6 +93,31 @@ impl Baseline {
         }
         DMatrix::from_fn(data.series.len(), list.len(), |r, c| list[c][r])
     }
+}
+
+/// Columns of every testable form of the library, and how many numbers of its shape are chosen.
+fn single_effects(data: &Columns) -> Vec<(DMatrix<f64>, usize)> {
+    let library = library(data);
+    let rows = data.series.len();
+    let mut list = Vec::new();
+    for (effect, info) in library.infos.iter().enumerate().filter(|(_, i)| i.untestable.is_none()) {
+        for (form, parameters) in info.forms.iter().enumerate() {
+            let linear: Vec<usize> =
+                (0..parameters.len()).filter(|i| parameters[*i].grid.is_empty()).collect();
+            for values in Parameter::grid_points(parameters) {
+                let mut columns = DMatrix::zeros(rows, linear.len());
+                for (c, &i) in linear.iter().enumerate() {
+                    let mut values = values.clone();
+                    values[i] = 1.0;
+                    let active = [Active { effect, form, values }];
+                    let errors = library.errors(data, rows, &active);
+                    errors.iter().enumerate().for_each(|(r, e)| columns[(r, c)] = e.x);
+                }
+                list.push((columns, parameters.len() - linear.len()));
+            }
+        }
+    }
+    list
 }
 
 /// Coefficients of the baseline: of the head's sensors, then slope and zero of each axis' screw.

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, ambient_from, centred_metres, dead_sensor, gone, hats, heating, metres, middle, rises,
-    times, went,
+    Column, above_zero, ambient_from, centred_metres, dead_sensor, gone, hats, heating, metres,
+    middle, rises, times, went,
 };
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
@@ -151,7 +151,7 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
         measured.clone(),
     );
     let curved = |data: &Columns| {
-        let squares: Column = rises(data).iter().map(|c| c * c).collect();
+        let squares: Column = above_zero(data).iter().map(|c| c * c).collect();
         vec![times(data.get("position_mm"), &squares), squares]
     };
     form(l, axes, &[one("per_c2", 1e-7)], None, move |data, _| curved(data)[..1].to_vec());

@@ -47,6 +47,12 @@ pub fn rises(data: &Columns) -> Vec<f64> {
     screw.map(|(c, axis)| c - data.coldest[*axis]).collect()
 }
 
+/// Rise of each row's screw above the temperature at which its slope is zero.
+pub fn above_zero(data: &Columns) -> Vec<f64> {
+    let screw = data.get("screw_c").iter().zip(&data.series);
+    screw.map(|(c, axis)| c - data.t0_c[*axis]).collect()
+}
+
 /// Position of each row in metres.
 pub fn metres(data: &Columns) -> Vec<f64> {
     data.get("position_mm").iter().map(|p| p / 1000.0).collect()
