@@ -163,3 +163,64 @@ fn run_out_is_seen_whichever_way_the_table_turns() {
         assert!(class(&report).contains(&"target-runout"), "{sense}: {}", report["effects"]);
     }
 }
+
+/// A rod stands where the machine has it, far from the machine's zero: a scale about that zero shifts the rod by 0.4 mm besides what it
+/// stretches.
+#[test]
+fn a_scale_is_named_far_from_the_machines_zero() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut normal = normal();
+    let (rod, radius_mm, pixel_mm, y_um_per_m) = ([410.0, -185.0], 2.0, 0.005, 2200.0);
+    let mut csv = String::from("capture,x_mm,y_mm,t_s,u_px,v_px\n");
+    for k in 0..49_usize {
+        let i = k * 20 % 49;
+        let place = [i % 7, i / 7].map(|n| n as f64 * 0.5 - 1.5);
+        let jitter = [0.0003 * normal(), 0.0003 * normal()];
+        for p in 0..24 {
+            let (s, c) = (f64::from(p) * std::f64::consts::TAU / 24.0).sin_cos();
+            let real = (rod[1] + place[1]) * (1.0 + 1e-6 * y_um_per_m);
+            let x = radius_mm * c - place[0] + jitter[0] + 0.0002 * normal();
+            let y = rod[1] * (1.0 + 1e-6 * y_um_per_m) + radius_mm * s - real;
+            let y = y + jitter[1] + 0.0002 * normal();
+            let (u, v) = (800.0 + x / pixel_mm, 800.0 - y / pixel_mm);
+            let (x, y) = (rod[0] + place[0], rod[1] + place[1]);
+            writeln!(csv, "{k},{x:.4},{y:.4},{},{u:.4},{v:.4}", 20 * k).unwrap();
+        }
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    std::fs::write(folder.join("calib.toml"), "schema = 1\n[scale]\nmm_per_px = 0.005\n").unwrap();
+    let arguments = ["diagnose", "rod", "--calib", "calib.toml", "--data", "data.csv"];
+    let output = run(&[&arguments[..], &["--format", "json"]].concat(), folder);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["verdict"], "named", "{report:#}");
+    let effect = &report["effects"][0];
+    assert_eq!(effect["name"], "scale-y");
+    let of = |key: &str| effect[key]["um_per_m"].as_f64().unwrap();
+    let (size, u95) = (of("parameters"), of("parameters_u95"));
+    assert!((size - y_um_per_m).abs() < 1.5 * u95 && u95 < 200.0, "{size} ± {u95}");
+}
+
+/// A run that starts warm, its screw's slope zero at 20 °C: an error in the cold state is no other zero of the screw.
+#[test]
+fn a_constant_is_named_where_the_run_starts_warm() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+    for k in 0..25 {
+        let t = 600.0 * f64::from(k);
+        let (h1, h2) = (8.0 * (1.0 - (-t / 3000.0).exp()), 4.0 * (t / 4000.0).sin());
+        let screw = 22.0 + 5.0 * (t / 4500.0).sin().abs();
+        for place in [0.0, 200.0, 400.0, 600.0, 800.0] {
+            let error = 0.004 * h1 - 0.002 * h2 + (screw - 20.0) * (1.1e-5 * place - 0.003);
+            let error = error + 0.03 + 0.001 * normal();
+            writeln!(csv, "{t},x,{place},{error:.6},{screw:.3},{h1:.3},{h2:.3}").unwrap();
+        }
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = diagnose("thermal", folder);
+    assert_eq!(report["verdict"], "named", "{report:#}");
+    assert_eq!(report["effects"][0]["name"], "head-constant");
+}
