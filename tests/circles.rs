@@ -72,7 +72,8 @@ fn what_is_no_circle_is_refused() {
         (d.x / 170.0).powi(2) + (d.y / 60.0).powi(2) < 1.0
     };
     let square = |p: Vector2<f64>| (p - center()).amax() < 110.0;
-    let shapes: [(&str, &dyn Fn(Vector2<f64>) -> bool); 4] = [
+    type Shape<'a> = (&'a str, &'a dyn Fn(Vector2<f64>) -> bool);
+    let shapes: [Shape; 4] = [
         ("hexagon", &hexagon),
         ("ellipse", &ellipse),
         ("square", &square),

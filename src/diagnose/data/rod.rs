@@ -101,7 +101,8 @@ impl Rod {
         let own = Vector2::new(eu.dot(&w), ev.dot(&w));
         let linear = |row: usize| c.linear[row][0] * own.x + c.linear[row][1] * own.y;
         let light = c.light[0] * own.x + c.light[1] * own.y;
-        let tilted = self.tilted(own, Vector2::from(c.tilt)) - own;
+        let perspective = c.unshortened[0] * own.x + c.unshortened[1] * own.y;
+        let tilted = self.tilted(own, Vector2::from(c.tilt)) - own + own * perspective;
         let mut shift = eu * (linear(0) + tilted.x) + ev * (linear(1) + tilted.y) + n * light;
         if c.lens != [0.0; 4] {
             shift += self.view.lens_shift_mm(w, c.lens);

@@ -30,8 +30,10 @@ pub struct CaptureError {
 pub struct CameraError {
     /// Rows of the linear map, in the picture's own axes (along u, against v).
     pub linear: [[f64; 2]; 2],
-    /// Perspective, per mm.
+    /// Perspective of a tilted camera, which also foreshortens, per mm.
     pub tilt: [f64; 2],
+    /// Perspective alone, per mm.
+    pub unshortened: [f64; 2],
     /// k1, k2, p1, p2 beyond the calibration.
     pub lens: [f64; 4],
     /// Edge shift outwards per mm along u and against v.
@@ -133,6 +135,16 @@ fn camera_effects(l: &mut L, data: &Rod) {
     camera(l, &["u_per_m", "v_per_m"], 0.1, |c, p| {
         c.tilt[0] += p[0] * 1e-3;
         c.tilt[1] += p[1] * 1e-3;
+    });
+    // A lens that shows a tilted plane unshortened (its sensor tilted too), or a distance that is not what the calibration says.
+    let mut flat: Vec<Parameter> =
+        ["u_per_m", "v_per_m"].map(|n| Parameter::linear(n, 0.1)).to_vec();
+    flat.push(Parameter::switch("unshortened", 1.0));
+    l.form(flat, |_, p, errors| {
+        for e in errors {
+            e.camera.unshortened[0] += p[0] * 1e-3;
+            e.camera.unshortened[1] += p[1] * 1e-3;
+        }
     });
     let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".to_owned());
     let wide = "the rod's edge out to the frame's corners";
