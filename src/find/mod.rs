@@ -103,11 +103,8 @@ pub fn about(frame: &Frame, center: Vector2<f64>, options: Options) -> Vec<Candi
     for hint in rays::hints_about(&look, look.reduced(center - corner), options) {
         let Some(mut seen) = rays::nearby(&look, &hint, options) else { continue };
         seen.circle.center += corner;
-        let apart = |c: &Candidate| {
-            (c.circle.center - seen.circle.center).norm()
-                + (c.circle.radius - seen.circle.radius).abs()
-        };
-        if !found.iter().any(|c| apart(c) < APART * look.factor as f64) {
+        let near = APART * look.factor as f64;
+        if !found.iter().any(|c| c.circle.apart(&seen.circle) < near) {
             found.push(seen);
         }
     }

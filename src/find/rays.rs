@@ -277,7 +277,7 @@ fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Op
         {
             return None;
         }
-        let moved = (fitted.circle.center - guess.center).norm() + (r - guess.radius).abs();
+        let moved = fitted.circle.apart(&guess);
         guess = fitted.circle;
         let close = 2.5 * fitted.scale.max(0.4) + 0.5;
         let hits = points

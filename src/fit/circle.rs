@@ -18,6 +18,11 @@ impl Circle {
     pub fn distance(&self, point: Vector2<f64>) -> f64 {
         (point - self.center).norm() - self.radius
     }
+
+    /// How far another circle is from being this one: between the centres, and the radii.
+    pub fn apart(&self, other: &Self) -> f64 {
+        (self.center - other.center).norm() + (self.radius - other.radius).abs()
+    }
 }
 
 /// Taubin's algebraic fit (1991) in Chernov's Newton form ("Circular and Linear Regression", 2010, 5.9).

@@ -123,11 +123,7 @@ impl Picture<'_> {
         let look = |search| ring::measure(self.frame, self.view, rough, search, None);
         let judge = |ring: Ring| self.judge(c, ring);
         let ring = look(search)?;
-        let astray = |ring: &Ring| {
-            let moved = (ring.circle.center - rough.center).norm()
-                + (ring.circle.radius - rough.radius).abs();
-            moved > ASTRAY * rough.radius
-        };
+        let astray = |ring: &Ring| ring.circle.apart(&rough) > ASTRAY * rough.radius;
         if astray(&ring) {
             let nearer = NEARBY.iter().find_map(|softnesses| {
                 look(search.nearby(*softnesses)).filter(|r| !astray(r)).and_then(judge)
@@ -176,9 +172,7 @@ impl Picture<'_> {
 /// Whether two were seen on one edge, as far as the reduced picture can tell.
 fn one(a: &Candidate, b: &Candidate, look: &Look) -> bool {
     const APART: f64 = 1.5;
-    let apart =
-        (a.circle.center - b.circle.center).norm() + (a.circle.radius - b.circle.radius).abs();
-    a.step * b.step > 0.0 && apart < APART * look.factor as f64
+    a.step * b.step > 0.0 && a.circle.apart(&b.circle) < APART * look.factor as f64
 }
 
 /// Whether another circle is about as strong, and not the same one seen twice.

@@ -298,9 +298,7 @@ pub fn measure(
         let weights = robust_weights(&points);
         let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
         let fitted = circle::robust(&points.place_mm, &weights, Some(guess), 0.02 * pixel)?;
-        let moved = ((fitted.circle.center - guess.center).norm()
-            + (fitted.circle.radius - guess.radius).abs())
-            / pixel;
+        let moved = fitted.circle.apart(&guess) / pixel;
         guess = fitted.circle;
         let softness = points.located.step.softness_px;
         quiet = points.radius_px > LONG_PX

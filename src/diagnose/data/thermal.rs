@@ -34,32 +34,42 @@ impl Baseline {
     /// T₀: coefficients that are not needed, or a T₀ that is free, would hide effects.
     pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
         let y = DVector::from_column_slice(error_mm);
-        let rows = y.len() as f64;
-        let criterion = |baseline: &Self| {
+        let of_cold = |cold| {
             let mut data = data.clone();
-            data.t0_c = baseline.t0_c(&data);
-            let basis = orthonormal(&baseline.columns(&data), 1e-9);
-            let beside = &y - &basis * basis.tr_mul(&y);
-            // Another T₀ than the usual one is a choice like a coefficient more.
-            let chosen = basis.ncols() + usize::from(!matches!(baseline.cold, Cold::Coldest));
-            let of = |left: f64, coefficients: usize| {
-                rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
-                    + coefficients as f64 * rows.ln()
-            };
+            data.t0_c = Self { own_heads: false, cold }.t0_c(&data);
             let effects = single_effects(&data);
-            let choice = 2.0 * (effects.len().max(1) as f64).ln();
-            let with_one = effects.iter().map(|(effect, shapes)| {
-                let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
-                let left = (&beside - &own * own.tr_mul(&beside)).norm_squared();
-                of(left, chosen + own.ncols() + shapes) + choice
-            });
-            with_one.fold(of(beside.norm_squared(), chosen), f64::min)
+            [false, true].map(|own_heads| {
+                let baseline = Self { own_heads, cold };
+                (baseline.criterion(&data, &effects, &y), baseline)
+            })
         };
-        let of = |own_heads| {
-            [Cold::Coldest, Cold::First, Cold::Reference].map(|cold| Self { own_heads, cold })
+        let all = [Cold::Coldest, Cold::First, Cold::Reference].into_iter().flat_map(of_cold);
+        all.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Self::default, |(_, baseline)| baseline)
+    }
+
+    /// The criterion with none of the effects or with the one for which it is least.
+    fn criterion(
+        &self,
+        data: &Columns,
+        effects: &[(DMatrix<f64>, usize)],
+        y: &DVector<f64>,
+    ) -> f64 {
+        let rows = y.len() as f64;
+        let basis = orthonormal(&self.columns(data), 1e-9);
+        let beside = y - &basis * basis.tr_mul(y);
+        // Another T₀ than the usual one is a choice like a coefficient more.
+        let chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
+        let of = |left: f64, coefficients: usize| {
+            rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
+                + coefficients as f64 * rows.ln()
         };
-        let all = of(false).into_iter().chain(of(true));
-        all.min_by(|a, b| criterion(a).total_cmp(&criterion(b))).unwrap_or_default()
+        let choice = 2.0 * (effects.len().max(1) as f64).ln();
+        let with_one = effects.iter().map(|(effect, shapes)| {
+            let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
+            let left = (&beside - &own * own.tr_mul(&beside)).norm_squared();
+            of(left, chosen + own.ncols() + shapes) + choice
+        });
+        with_one.fold(of(beside.norm_squared(), chosen), f64::min)
     }
 
     /// T₀ of each axis.

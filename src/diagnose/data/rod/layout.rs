@@ -1,0 +1,126 @@
+//! What `rod` data are to the fit: outputs, variables and random parts of every edge point.
+
+use nalgebra::{DMatrix, Vector2};
+
+use super::Rod;
+use crate::diagnose::algebra::orthonormal;
+use crate::diagnose::data::sites;
+use crate::diagnose::experiment::{Direction, Layout, Variable};
+
+/// Captures that see more of the rim than this show its lobes.
+const WHOLE_DEG: f64 = 240.0;
+
+/// How much of the rim the middle one of the captures sees, degrees.
+fn seen_deg(angles: &[f64], capture: &[usize], captures: usize) -> f64 {
+    let mut by_capture = vec![Vec::new(); captures];
+    angles.iter().zip(capture).for_each(|(a, g)| by_capture[*g].push(a.to_degrees()));
+    let mut seen: Vec<f64> = by_capture
+        .into_iter()
+        .filter(|a| a.len() > 1)
+        .map(|mut a| {
+            a.sort_by(f64::total_cmp);
+            let round = 360.0 - (a[a.len() - 1] - a[0]);
+            360.0 - a.windows(2).map(|w| w[1] - w[0]).fold(round, f64::max)
+        })
+        .collect();
+    seen.sort_by(f64::total_cmp);
+    seen.get(seen.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// The layout of captures and their points.
+pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
+    let points = values.len();
+    let normals: Vec<Vector2<f64>> =
+        data.points.iter().map(|p| (p - data.pole).normalize()).collect();
+    let angles: Vec<f64> = normals.iter().map(|n| n.y.atan2(n.x)).collect();
+    let spread = |c: &[f64]| data.capture.iter().map(|&g| c[g]).collect::<Vec<f64>>();
+    let mut variables = Vec::new();
+    let mut add = |name: &'static str, values: Vec<f64>, angle: bool, within: bool| {
+        variables.push(Variable { name, values, angle, within });
+    };
+    let (x, y): (Vec<f64>, Vec<f64>) = data.place.iter().map(|p| (p.x, p.y)).unzip();
+    add("x_mm", spread(&x), false, false);
+    add("y_mm", spread(&y), false, false);
+    for (name, column, angle) in [
+        ("c_deg", c_deg, true),
+        ("t_s", &data.t_s, false),
+        ("temp_c", &data.temp_c, false),
+        ("dir_x", &data.dir_x, false),
+        ("dir_y", &data.dir_y, false),
+    ] {
+        if !column.is_empty() {
+            add(name, spread(column), angle, false);
+        }
+    }
+    let degrees = |a: f64| a.to_degrees().rem_euclid(360.0);
+    add("edge_angle_deg", angles.iter().map(|a| degrees(*a)).collect(), true, true);
+    let own = |i: usize| {
+        degrees(angles[i] - data.c_rad.get(data.capture[i]).copied().unwrap_or_default())
+    };
+    let rim_deg: Vec<f64> = (0..points).map(own).collect();
+    if !c_deg.is_empty() {
+        add("rod_angle_deg", rim_deg.clone(), true, true);
+    }
+    let offset = |i: usize| data.points[i] - data.place[data.capture[i]];
+    let [eu, ev] = data.axes;
+    add("frame_u_mm", (0..points).map(|i| eu.dot(&offset(i))).collect(), false, true);
+    add("frame_v_mm", (0..points).map(|i| ev.dot(&offset(i))).collect(), false, true);
+    add("frame_radius_mm", (0..points).map(|i| offset(i).norm()).collect(), false, true);
+    let column = |f: &dyn Fn(f64) -> f64| angles.iter().map(|a| f(*a)).collect::<Vec<f64>>();
+    let directions = vec![
+        Direction { name: "x", factors: normals.iter().map(|n| n.x).collect() },
+        Direction { name: "y", factors: normals.iter().map(|n| n.y).collect() },
+        Direction { name: "radius", factors: vec![1.0; points] },
+    ];
+    let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
+    let mut random = vec![wave(1.0)];
+    if seen_deg(&angles, &data.capture, data.place.len()) > WHOLE_DEG {
+        random.extend([vec![vec![1.0; points]], wave(2.0), wave(3.0)]);
+    } else {
+        // On a short arc radius, lobes and slope cannot be told from a shift of the capture: there what it bends beyond one.
+        let shift = wave(1.0);
+        random.extend(bends(&angles, &shift, &data.capture, data.place.len()).map(|b| vec![b]));
+    }
+    let mut keys: Vec<&[f64]> = vec![&x, &y];
+    for column in [c_deg, &data.dir_x, &data.dir_y] {
+        if !column.is_empty() {
+            keys.push(column);
+        }
+    }
+    Layout {
+        sites: sites(&keys, data.place.len()),
+        groups: data.capture.clone(),
+        classes: vec![0; points],
+        values,
+        directions,
+        variables,
+        random,
+        rim_deg,
+    }
+}
+
+/// An even and an odd bend of each capture's arc, as no shift of the capture makes them; root mean square 1.
+fn bends(angles: &[f64], shift: &[Vec<f64>], capture: &[usize], captures: usize) -> [Vec<f64>; 2] {
+    let mut rows = vec![Vec::new(); captures];
+    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
+    let mut bends = [(); 2].map(|()| vec![0.0; angles.len()]);
+    for rows in rows {
+        let middle: Vector2<f64> =
+            rows.iter().map(|&i| Vector2::new(angles[i].cos(), angles[i].sin())).sum();
+        let along = |i: usize| {
+            let own = Vector2::new(angles[i].cos(), angles[i].sin());
+            middle.perp(&own).atan2(middle.dot(&own))
+        };
+        let columns = DMatrix::from_fn(rows.len(), 4, |r, c| match c {
+            0 | 1 => shift[c][rows[r]],
+            2 => along(rows[r]).powi(2),
+            _ => along(rows[r]),
+        });
+        let basis = orthonormal(&columns, 1e-6);
+        for (bend, column) in bends.iter_mut().zip(basis.column_iter().skip(2)) {
+            let scale = (rows.len() as f64).sqrt();
+            rows.iter().zip(column.iter()).for_each(|(&i, v)| bend[i] = scale * v);
+        }
+    }
+    bends
+}
