@@ -141,8 +141,9 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         nearest(&peaks).or_else(|| nearest(&peaks_above(NAMED)))
     });
     let outer = named.or(peaks.last().copied())?;
-    let inner = peaks.iter().copied().rfind(|&b| b + 10 < outer);
-    let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b > outer + 10);
+    let gap = (CHAMFER_MM / bin_mm).ceil() as usize;
+    let inner = peaks.iter().copied().rfind(|&b| b + gap <= outer);
+    let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b >= outer + gap);
     let common = if nominal_mm.is_none() { all.common_step(shift, outer) } else { None };
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;

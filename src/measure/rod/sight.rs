@@ -82,7 +82,8 @@ impl Sight {
     }
 }
 
-/// Step across every bin of every sector, in standard deviations of the steps of this capture.
+/// Step across every bin of every sector, in standard deviations of the steps of this capture. What is louder than it may be is
+/// turned down with all about it: cut off, a clear rim and a clear chamfer's edge near it would be one broad step.
 fn steps(profiles: &Profiles) -> Vec<f32> {
     let bins = profiles.bins;
     let mut list = vec![0.0f32; profiles.count.len()];
@@ -109,8 +110,16 @@ fn steps(profiles: &Profiles) -> Vec<f32> {
     let strong = *sizes.select_nth_unstable_by(high, f32::total_cmp).1;
     // A picture without noise still has no edges of a two-hundredth of its contrast.
     let scale = typical.max(0.005 * strong);
-    list.iter_mut().for_each(|s| *s = (*s / scale).clamp(-LOUDEST, LOUDEST));
-    list
+    list.iter_mut().for_each(|s| *s /= scale);
+    let mut quiet = Vec::with_capacity(list.len());
+    for row in list.chunks(bins) {
+        quiet.extend((0..bins).map(|b| {
+            let near = &row[b.saturating_sub(STEP)..(b + STEP + 1).min(bins)];
+            let loudest = near.iter().fold(LOUDEST, |most, s| most.max(s.abs()));
+            row[b] * LOUDEST / loudest
+        }));
+    }
+    quiet
 }
 
 /// Mean over five bins.
