@@ -384,6 +384,7 @@ fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
         softness_px: 2.0,
         blur_mm: 0.0,
         clipped_inside: false,
+        clipped_outside: false,
         wander: Default::default(),
         trace: seen.points.iter().map(|p| (p.pixel, p.used)).collect(),
         residuals: Vec::new(),

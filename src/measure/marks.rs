@@ -16,6 +16,8 @@ use crate::measure::spot;
 const TRIES: usize = 4;
 /// A ring's step as a part of another's that has no spot.
 const FAINT: f64 = 0.05;
+/// Score of a circle as a part of a clearer one's beside which it is no mark.
+const LESS_CLEAR: f64 = 0.5;
 /// So soft, as a part of its radius, the edge of what is clipped inside is a glare's: where it is broken, and where it is whole.
 const CLIPPED_SOFT: (f64, f64) = (0.1, 0.2);
 const WHOLE: f64 = 0.95;
@@ -69,7 +71,13 @@ pub(super) fn measure(
         }
         let stands_out = |c: &Candidate, sides: Sides| {
             let least_step = 0.3 * outer.step.abs();
-            let others = steady.iter().filter(|e| e.step.abs() > least_step && !alike(e, c));
+            // What runs along ring and spot in turn looks like a circle too: beside a clear spot it is no mark.
+            let is_mark = |e: &&Candidate| {
+                let clear = e.score > LESS_CLEAR * c.score || concentric(e, outer);
+                clear || matches!(sides, Sides::Edge)
+            };
+            let others = (steady.iter().filter(is_mark))
+                .filter(|e| e.step.abs() > least_step && !alike(e, c));
             let others: Vec<Circle> = others.map(|e| e.circle).collect();
             find::stands_out(&look, c, sides, &others) == Some(true)
         };
@@ -108,6 +116,13 @@ pub(super) fn measure(
         if ring.arc_coverage < 0.6 {
             let seen = 100.0 * ring.arc_coverage;
             warnings.push(format!("only {seen:.0} % of the ring's edge was found"));
+        }
+        for (name, mark) in [("ring", &ring), ("spot", &spot)] {
+            if mark.clipped_inside || mark.clipped_outside {
+                warnings.push(format!(
+                    "light clips the picture beside the {name}'s edge: where that is is less sure; expose less"
+                ));
+            }
         }
         return Ok((ring, spot, warnings));
     }

@@ -28,6 +28,9 @@ const MOST_TINT: f64 = 0.2;
 const LEFT: f64 = 0.2;
 /// What a texture leaves unknown of an edge all round, it does to a sector's profile so many times as much: that is no form.
 const TEXTURED: f64 = 3.0;
+/// Where light clips one side nobody knows how far it would have gone, nor where it would have gone farther: by this part of the softness
+/// the half level may have moved on one side (0.25 where the light is a fifth beyond the top and as much less on the other side).
+const CLIPPED: f64 = 0.25;
 /// How much of all that a radius may be off besides what is known of its tint.
 const EVEN: f64 = 0.7;
 
@@ -94,6 +97,8 @@ pub struct Ring {
     pub blur_mm: f64,
     /// Whether the inside is as bright as the camera can tell: glare, if the circle is not whole.
     pub clipped_inside: bool,
+    /// Whether light clips what is outside.
+    pub clipped_outside: bool,
     /// What the edge teaches about how edges wander on this part.
     pub wander: Wander,
     /// Edge points in the picture, for the overlay: place and whether it was used.
@@ -165,6 +170,8 @@ pub struct Points {
     pub clip: Option<f32>,
     /// Whether the inside of the edge is as bright as the camera can tell.
     pub clipped_inside: bool,
+    /// Whether light clips what is outside.
+    pub clipped_outside: bool,
 }
 
 impl Points {
@@ -258,6 +265,7 @@ pub(super) fn edge_points(
         pixel_mm: view.pixel_mm(),
         clip,
         clipped_inside: clip.is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
+        clipped_outside: clip.is_some_and(|c| located.step.outer > 0.97 * f64::from(c)),
         located,
     };
     for e in &points.located.points {
@@ -368,7 +376,9 @@ fn finish(
         let tint = if is_spot { outside } else { outside.max(inside) };
         let hidden = (step.softness_px * pixel_mm / TINT_MM).powi(2).min(1.0);
         let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT) * hidden);
-        let unseen_mm = within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm);
+        let clipped = if points.clipped_inside || points.clipped_outside { CLIPPED } else { 0.0 };
+        let unseen_mm =
+            within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm).hypot(clipped * soft_mm);
         (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
         covariance[(2, 2)] += (EVEN * unseen_mm).powi(2);
     }
@@ -388,6 +398,7 @@ fn finish(
         softness_px: step.softness_px,
         blur_mm,
         clipped_inside: points.clipped_inside,
+        clipped_outside: points.clipped_outside,
         wander: fit.wander,
         trace: points.place_px.iter().zip(weights).map(|(p, w)| (*p, *w > 0.0)).collect(),
         residuals: sectors

@@ -10,6 +10,8 @@ use crate::measure::ring::{self, Ring, Search};
 
 /// Radius of the largest spot, as a part of the ring's.
 const MOST: f64 = 0.45;
+/// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
+const OWN: (f64, f64) = (0.3, 0.03);
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
@@ -33,9 +35,19 @@ const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.1
 pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) -> Vec<Candidate> {
     let ring = outer.circle;
     let most_radius_px = MOST * ring.radius;
+    // The inner edge of a wide annulus is as large as a large spot, but it shares the ring's centre and ends what the ring began.
+    let is_rings_own = |c: &Candidate| {
+        let apart_px = (c.circle.center - ring.center).norm();
+        c.step * outer.step < 0.0
+            && c.circle.radius > OWN.0 * ring.radius
+            && apart_px < OWN.1 * ring.radius + c.scatter_px + outer.scatter_px
+    };
     // A faint spot is not seen beside a ring whose every edge asks for circles.
-    let known: Vec<Candidate> =
-        edges.iter().filter(|e| e.circle.radius > most_radius_px).copied().collect();
+    let known: Vec<Candidate> = edges
+        .iter()
+        .filter(|e| e.circle.radius > most_radius_px || is_rings_own(e))
+        .copied()
+        .collect();
     let inside = find::circles(
         look,
         find::Options {
@@ -62,6 +74,7 @@ pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) ->
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
+                && !is_rings_own(c)
                 && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
                 && c.step.abs() > LEAST_STEP * outer.step.abs()
         })
