@@ -42,6 +42,17 @@ pub struct Data {
 }
 
 impl Data {
+    /// The points path by path, by rising B.
+    fn along_paths(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        let key = |i: &usize| (self.points[*i].path, self.points[*i].pose.b_rad);
+        order.sort_by(|a, b| {
+            let ((p, b_rad), (q, c_rad)) = (key(a), key(b));
+            p.cmp(&q).then(b_rad.total_cmp(&c_rad))
+        });
+        order
+    }
+
     /// Reads `b_deg,length_mm`, optionally `x_mm,z_mm,path,cup_y_mm,dir`. Where X or Z is missing the path tells it.
     pub fn read(file: impl AsRef<FilePath>, options: &Options) -> Result<Self> {
         let table = Table::read(
@@ -255,12 +266,18 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     let z = solved.parameters.as_slice();
     let errors = errors_of(z);
 
-    let (widen, _) = serial::widening(solved.residuals.as_slice());
-    let dof = (n - rank - known) as f64;
-    let rms = solved.residuals.norm() / dof.sqrt();
+    // Whatever order the file has them in: errors go together along the path, in time or both.
+    let along: Vec<f64> = data.along_paths().iter().map(|&i| solved.residuals[i]).collect();
+    let widen = [solved.residuals.as_slice(), &along]
+        .map(|r| serial::widening(r, rank + known).0)
+        .into_iter()
+        .fold(1.0, f64::max);
+    let rms = solved.residuals.norm() / ((n - rank - known) as f64).sqrt();
+    // Of n points that repeat each other n / widen are news, and the unknowns were taken from those.
+    let news = (n as f64 / widen - (rank + known) as f64).max(1.0);
     let (u, k) = match options.noise_mm {
-        Some(noise) => (noise, K95),
-        None => (rms * widen.sqrt(), k95((n as f64 / widen - (rank + known) as f64).max(1.0))),
+        Some(noise) => (noise * widen.sqrt(), K95),
+        None => (solved.residuals.norm() / news.sqrt(), k95(news)),
     };
     // Variance of any combination c of the scaled errors: cᵀ D⁺ c with D from the visible directions.
     let variance = |c: &[f64; 6]| -> f64 {
@@ -298,11 +315,11 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
         null_space(&sight).iter().map(|c| terms(c, |i, c| c * to_unit(i, scale[i]))).collect();
 
     // The swarm on the same sums of squares, |R z - Qᵀ r|², in coordinates of equal weight: w = R z.
-    let qr = derivative.clone().qr();
-    let target = -(qr.q().transpose() * residuals(&vec![0.0; rank]));
     let found = if rank == 0 {
         Vec::new()
     } else {
+        let qr = derivative.clone().qr();
+        let target = -(qr.q().transpose() * residuals(&vec![0.0; rank]));
         let bound = 2.0 * target.norm() + 1e-6;
         let cost = |w: &[f64]| (DVector::from_row_slice(w) - &target).norm_squared();
         let w = DVector::from_vec(swarm::minimise(rank, bound, options.swarm, cost)?);

@@ -153,9 +153,12 @@ fn table(r: &Report) -> String {
         let _ = writeln!(t, "unnamed   {}", u.text);
     }
     let g = &r.gap;
+    let described = g
+        .with_unnamed_rms_mm
+        .map_or(String::new(), |rms| format!(" ({:.2} with what has no name)", 1e3 * rms));
     let _ = writeln!(
         t,
-        "gap       {:.2} -> {:.2} µm rms; on captures held out {:.2} -> {:.2} µm; noise {:.2} µm",
+        "gap       {:.2} -> {:.2} µm rms{described}; on captures held out {:.2} -> {:.2} µm; noise {:.2} µm",
         1e3 * g.before_rms_mm,
         1e3 * g.after_rms_mm,
         1e3 * g.heldout_before_rms_mm,

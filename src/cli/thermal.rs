@@ -41,7 +41,7 @@ struct FitArgs {
     #[arg(long)]
     select: bool,
     /// Temperatures of the cold head, one for each sensor (default: readings are rises above it)
-    #[arg(long, value_name = "C,C,...", value_delimiter = ',', allow_negative_numbers = true)]
+    #[arg(long, value_name = "C,C,...", value_delimiter = ',')]
     cold_c: Vec<f64>,
     /// Whether a constant is fitted beside the head sensors
     #[arg(long, value_enum, default_value = "auto")]
@@ -116,6 +116,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 fn fit(args: &FitArgs, global: &Global) -> Result<Outcome> {
+    if let Some(c) = args.cold_c.iter().find(|c| !c.is_finite()) {
+        return Err(Error::option(
+            "--cold-c",
+            format!("{c} is no temperature"),
+            "give numbers in °C",
+        ));
+    }
     let head_options = head::Options {
         max_sensors: args.max_sensors,
         select: args.select,

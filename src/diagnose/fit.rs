@@ -244,11 +244,7 @@ impl Fitter<'_> {
         noise: Noise,
     ) -> Fitted {
         let white = self.whiten(&tangent, &noise);
-        let (covariance, rank) = if white.ncols() == 0 {
-            (DMatrix::zeros(0, 0), 0)
-        } else {
-            least_squares::covariance(&white, 1e-9)
-        };
+        let (covariance, rank) = least_squares::covariance(&white, 1e-9);
         Fitted { model, residual, tangent, noise, covariance, rank }
     }
 

@@ -144,15 +144,15 @@ impl Term {
 
     /// Size of a wave, height of a step or bump, largest value of a polynomial, half the range of a free function, mm.
     pub fn amplitude(&self, columns: &DMatrix<f64>, values: &[f64]) -> f64 {
+        let own = &values[..self.own_columns(values.len())];
         match self.shape {
             Shape::Levels(_) | Shape::Surface(_) => {
-                let sums = columns
-                    .row_iter()
-                    .map(|r| r.iter().zip(values).map(|(x, v)| x * v).sum::<f64>());
+                let sums =
+                    columns.row_iter().map(|r| r.iter().zip(own).map(|(x, v)| x * v).sum::<f64>());
                 let (low, high) = range(&sums.collect::<Vec<f64>>());
                 0.5 * (high - low)
             }
-            _ => values[..self.own_columns(values.len())].iter().map(|v| v * v).sum::<f64>().sqrt(),
+            _ => own.iter().map(|v| v * v).sum::<f64>().sqrt(),
         }
     }
 

@@ -27,4 +27,4 @@ pub mod run;
 pub mod score;
 pub mod select;
 mod sizes;
-pub mod tails;
+mod unnamed;

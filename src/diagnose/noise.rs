@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, DVectorView};
 use crate::diagnose::algebra::{orthonormal, transposed_times};
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::rim::{MEMORY_DEG, Rim, Whitener};
-use crate::diagnose::tails::ln_f_tail;
+use crate::fit::tails::ln_f_tail;
 
 /// Noise as estimated or given.
 #[derive(Debug, Clone)]

@@ -8,7 +8,7 @@ use crate::diagnose::generic::range;
 use crate::diagnose::noise::Space;
 use crate::diagnose::rim::is_rough;
 use crate::diagnose::select::{Selection, select};
-use crate::diagnose::tails::chi2_quantile;
+use crate::fit::tails::chi2_quantile;
 
 /// Largest part of the observations that may be set aside.
 const MOST: f64 = 0.03;

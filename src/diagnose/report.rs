@@ -82,6 +82,8 @@ pub struct Gap {
     pub heldout_before_rms_mm: f64,
     pub heldout_after_rms_mm: f64,
     pub noise_rms_mm: f64,
+    /// After, with the shapes that have no name as well; none where there are none.
+    pub with_unnamed_rms_mm: Option<f64>,
 }
 
 /// Where simulation and data disagree.

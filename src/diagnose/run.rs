@@ -11,15 +11,14 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
-use crate::diagnose::noise::Noise;
 use crate::diagnose::outliers::{Screened, screen};
 use crate::diagnose::parts::{Part, contribution, without};
-use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Unnamed, Verdict, Where};
+use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Verdict, Where};
 use crate::diagnose::select::Selection;
 use crate::diagnose::sizes;
-use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
+use crate::diagnose::unnamed;
 use crate::error::{Error, Result};
-use crate::uncertainty::k95;
+use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
 
 /// How to diagnose.
 #[derive(Debug, Clone, Default)]
@@ -85,24 +84,31 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
 
 /// p-value of a remaining lack of fit: against given noise, or against repeats.
 fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
-    let n = f.residual.len();
-    let column = DMatrix::from_column_slice(n, 1, &f.residual);
-    let white = fitter.whiten(&column, &f.noise);
-    let top = fitter.space.top();
+    let white = whitened(fitter, f);
     let mut ln_p: Option<f64> = None;
     let mut tests = 0.0;
-    if fitter.given_mm.is_some() {
-        let dof = fitter.space.observations() as f64 - top as f64 - f.rank as f64;
-        if dof >= 1.0 {
-            tests += 1.0;
-            ln_p = Some(ln_chi2_tail(white.rows(top, n).norm_squared(), dof));
-        }
+    if let Some((chi2, dof)) = against_given(fitter, f, &white) {
+        tests += 1.0;
+        ln_p = Some(ln_chi2_tail(chi2, dof));
     }
     for p in repeats_ln_p(fitter, f, &white) {
         tests += 1.0;
         ln_p = Some(ln_p.map_or(p, |q| q.min(p)));
     }
     ln_p.map(|p| (p + f64::ln(f64::max(tests, 1.0))).min(0.0).exp())
+}
+
+/// What the model leaves, in units of its noise; the captures' random parts first.
+fn whitened(fitter: &Fitter, f: &Fitted) -> DMatrix<f64> {
+    fitter.whiten(&DMatrix::from_column_slice(f.residual.len(), 1, &f.residual), &f.noise)
+}
+
+/// χ² against the noise that was given, and its degrees of freedom.
+fn against_given(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Option<(f64, f64)> {
+    let top = fitter.space.top();
+    let dof = fitter.space.observations() as f64 - top as f64 - f.rank as f64;
+    (fitter.given_mm.is_some() && dof >= 1.0)
+        .then(|| (white.rows(top, f.residual.len()).norm_squared(), dof))
 }
 
 /// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
@@ -200,9 +206,9 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         (false, false) => Verdict::Named,
         (false, true) => Verdict::Partly,
     };
-    let mut unnamed = unnamed(fitter, f, layout);
+    let mut unnamed = unnamed::shapes(fitter, s);
     if lacking && generic_count == 0 {
-        unnamed.push(unstructured(fitter, f));
+        unnamed.push(unnamed::unstructured(places(fitter, f, layout).into_iter().next()));
     }
     let rms = |r: &[f64]| {
         let kept: Vec<f64> =
@@ -215,6 +221,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         heldout_before_rms_mm: held_out_rms(fitter, &s.baseline),
         heldout_after_rms_mm: held_out_rms(fitter, &named),
         noise_rms_mm: fitter.space.noise_rms_mm(&f.noise),
+        with_unnamed_rms_mm: (generic_count > 0).then(|| rms(&f.residual)),
     };
     let untested = fitter
         .experiment
@@ -226,7 +233,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         kind: fitter.experiment.kind().into(),
         verdict,
         noise_mm: f.noise.sigma_mm.iter().sum::<f64>() / f.noise.sigma_mm.len() as f64,
-        noise_source: noise_source(fitter, layout, &f.noise),
+        noise_source: noise_source(fitter, layout, f),
         captures: layout.group_count(),
         observations: layout.values.len(),
         effects: named_effects(fitter, s),
@@ -244,16 +251,23 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     }
 }
 
-fn noise_source(fitter: &Fitter, layout: &Layout, noise: &Noise) -> String {
+fn noise_source(fitter: &Fitter, layout: &Layout, f: &Fitted) -> String {
     let mut seen = vec![0usize; layout.sites.iter().max().map_or(0, |m| m + 1)];
     layout.sites.iter().for_each(|s| seen[*s] += 1);
     let repeats: usize = seen.iter().map(|c| c.saturating_sub(1)).sum();
     let source = match (fitter.given_mm, repeats) {
-        (Some(_), _) => "given".into(),
+        (Some(given_mm), _) => match against_given(fitter, f, &whitened(fitter, f)) {
+            // As rarely so small by chance as a lack of fit is so large.
+            Some((chi2, dof)) if -ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P => format!(
+                "given, but the values scatter by {:.2} µm only: what is smaller than the noise given is not told",
+                1e3 * given_mm * (chi2 / dof).sqrt()
+            ),
+            _ => "given".into(),
+        },
         (None, 0) => "what the model leaves; no repeats to check it against".into(),
         (None, r) => format!("what the model leaves, checked against {r} repeated captures"),
     };
-    match fitter.space.rim_rms_mm(noise) {
+    match fitter.space.rim_rms_mm(&f.noise) {
         Some(rms) => {
             format!("{source}; the rim's own form, {:.2} µm rms, counts as noise", 1e3 * rms)
         }
@@ -316,45 +330,6 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
         .collect();
     named.sort_by(|a, b| b.share_percent.total_cmp(&a.share_percent));
     named
-}
-
-fn unnamed(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Unnamed> {
-    let offsets = fitter.offsets(&f.model);
-    let k = k95(f.noise.dof);
-    f.model
-        .extras
-        .iter()
-        .enumerate()
-        .filter_map(|(i, e)| {
-            let Extra::Generic(term) = &e.kind else { return None };
-            let amplitude = term.amplitude(&e.columns, &e.values);
-            let at = offsets[f.model.active.len() + i];
-            let own = 0..term.own_columns(e.values.len());
-            let variance = own.map(|c| f.covariance[(at + c, at + c)]).fold(0.0, f64::max);
-            let u95 = k * variance.sqrt();
-            Some(Unnamed {
-                output: layout.directions[term.direction].name.into(),
-                versus: term.versus(layout),
-                shape: term.shape_name(),
-                amplitude_mm: amplitude,
-                amplitude_u95_mm: Some(u95),
-                formula: (amplitude > 0.0).then(|| term.formula(layout, &e.values, amplitude)),
-                text: term.text(layout, amplitude, u95),
-            })
-        })
-        .collect()
-}
-
-/// Where an unstructured remainder is largest.
-fn unstructured(fitter: &Fitter, f: &Fitted) -> Unnamed {
-    let worst = places(fitter, f, fitter.experiment.layout()).into_iter().next();
-    let (output, versus, amplitude_mm) =
-        worst.map_or((String::new(), String::new(), 0.0), |w| (w.output, w.versus, w.rms_mm));
-    let text = format!(
-        "captures scatter more than the noise allows, in no shape of the dictionary; most in {output} over {versus}"
-    );
-    let shape = "unstructured".into();
-    Unnamed { output, versus, shape, amplitude_mm, amplitude_u95_mm: None, formula: None, text }
 }
 
 /// The ranges in which the residuals exceed the noise most: eight bins of each variable, each output.

@@ -7,7 +7,7 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::pool::{Candidate, Pool, Projected};
-use crate::diagnose::tails::{ln_chi2_tail, ln_f_tail};
+use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
 
 /// A candidate's score.
 #[derive(Debug, Clone)]

@@ -8,7 +8,7 @@ use crate::diagnose::generic::{Term, legendre};
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
-use crate::diagnose::tails::ln_f_tail;
+use crate::fit::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
 const ALPHA_LIBRARY: f64 = 0.005;

@@ -122,6 +122,9 @@ pub fn solve(
 /// (JᵀJ)⁺ and the rank, from the singular values of the column-scaled Jacobian.
 pub fn covariance(jacobian: &DMatrix<f64>, rank_tolerance: f64) -> (DMatrix<f64>, usize) {
     let n = jacobian.ncols();
+    if n == 0 || !jacobian.iter().all(|v| v.is_finite()) {
+        return (DMatrix::zeros(n, n), 0);
+    }
     let scale = column_norms(jacobian);
     // The triangular factor has the same singular values and is small.
     let r = if jacobian.nrows() > n {

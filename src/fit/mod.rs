@@ -7,3 +7,4 @@ pub mod robust;
 
 pub use circle::Circle;
 pub mod serial;
+pub mod tails;

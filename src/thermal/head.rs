@@ -346,5 +346,5 @@ fn correlation(data: &Data, columns: &[usize], coefficients: &DVector<f64>) -> (
             y - model
         })
         .collect();
-    serial::widening(&residuals)
+    serial::widening(&residuals, columns.len())
 }

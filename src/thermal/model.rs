@@ -29,7 +29,16 @@ pub fn fit(
 ) -> Result<Model> {
     let head = head.map(|(data, options)| head::fit(data, options, warnings)).transpose()?;
     let screws = screws.map(|(data, options)| screw::fit(data, options, warnings)).transpose()?;
-    Ok(Model { head, head_axes, screws: screws.unwrap_or_default() })
+    let screws = screws.unwrap_or_default();
+    let known = |a: &String| screws.iter().any(|s| s.axis == *a);
+    if let Some(name) = head_axes.iter().find(|a| !screws.is_empty() && !known(a)) {
+        return Err(Error::option(
+            "--head-axes",
+            format!("there is no axis '{name}' in the data"),
+            "correct the name",
+        ));
+    }
+    Ok(Model { head, head_axes, screws })
 }
 
 impl Model {
@@ -54,6 +63,15 @@ impl Model {
             let numbered = head.coefficients.iter().all(|c| (1..=head.sensors).contains(&c.sensor));
             if !numbered || !head.sums.valid(head.sensors) {
                 return Err(fail("the head's sensors and sums do not fit together".into()));
+            }
+        }
+        for s in &model.screws {
+            let [low, high] = s.range_mm;
+            if !(s.t_max_c > s.t0_c && high >= low && s.noise_mm >= 0.0 && s.dof > 0.0) {
+                return Err(fail(format!(
+                    "axis '{}': t_max_c must lie above t0_c, range_mm must rise, noise_mm and dof must not be negative",
+                    s.axis
+                )));
             }
         }
         Ok(model)

@@ -5,11 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::fit::least_squares;
+use crate::fit::tails::ln_f_tail;
 use crate::table::Table;
 use crate::uncertainty::k95;
 
 /// Rows whose screw temperatures are closer than this belong to one calibration run.
 const SAME_RUN_C: f64 = 0.5;
+/// p-value under which lines are said not to meet.
+const APART_P: f64 = 1e-4;
 
 /// How the screws are fitted.
 #[derive(Debug, Clone, Default)]
@@ -131,6 +134,16 @@ impl Screw {
 /// Fits every axis; warnings go to `warnings`.
 pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result<Vec<Screw>> {
     for (option, pairs) in [("--p0-mm", &options.p0_mm), ("--t0-c", &options.t0_c)] {
+        if let Some((name, _)) = (1..pairs.len())
+            .map(|i| &pairs[i])
+            .find(|p| pairs.iter().filter(|q| q.0 == p.0).count() > 1)
+        {
+            return Err(Error::option(
+                option,
+                format!("is given twice for axis '{name}'"),
+                "keep one",
+            ));
+        }
         if let Some((name, _)) = pairs.iter().find(|(n, _)| !data.axes.iter().any(|(a, _)| a == n))
         {
             return Err(Error::option(
@@ -207,22 +220,35 @@ fn fit_axis(
     let crossing = -slopes.iter().map(|l| l.slope * l.intercept).sum::<f64>() / ss;
 
     // The lines must meet in P0; if the interferometer was zeroed anew for each run they do not.
-    let spread: f64 = slopes
-        .iter()
-        .map(|l| ((l.intercept + l.slope * crossing) / (noise * l.value_factor(crossing))).powi(2))
-        .sum();
-    let meet = spread <= (slopes.len() as f64 - 1.0) + 4.0 * (2.0 * slopes.len() as f64).sqrt();
+    let spread = |at: f64| -> f64 {
+        slopes
+            .iter()
+            .map(|l| ((l.intercept + l.slope * at) / (noise * l.value_factor(at))).powi(2))
+            .sum()
+    };
+    let joints = slopes.len() as f64 - 1.0;
+    let meet = joints < 1.0 || ln_f_tail(spread(crossing) / joints, joints, dof) > APART_P.ln();
+    let lines = slopes.len() as f64;
+    let through = |p0: f64| ln_f_tail(spread(p0) / lines, lines, dof) > APART_P.ln();
     let p0_fixed = match (given_p0, meet) {
         (Some(p0), _) => Some(p0),
         (None, true) => None,
         (None, false) => {
             warnings.push(format!(
                 "axis {axis}: the error lines do not meet at one position (the reading was zeroed anew for each run); \
-                 the reference position is taken as 0: give --p0-mm {axis}=POSITION"
+                 the reference position is taken as 0 and may be anywhere, which makes intervals wide: give --p0-mm {axis}=POSITION"
             ));
             Some(0.0)
         }
     };
+    if let Some(p0) = given_p0
+        && meet
+        && !through(p0)
+    {
+        warnings.push(format!(
+            "axis {axis}: the error lines meet at {crossing:.1} mm, not at the {p0} mm given with --p0-mm"
+        ));
+    }
     let free_offsets = given_p0.is_some() || !meet;
     let law = Law { points, runs: &runs, noise, t0: given_t0, p0: p0_fixed, free_offsets };
     let solved = law.solve([per_degree, t0, p0_fixed.unwrap_or(crossing)]);
@@ -237,7 +263,17 @@ fn fit_axis(
              intervals are widened"
         ));
     }
-    let covariance = solved.covariance.map(|row| row.map(|v| v * widen * widen));
+    let mut covariance = solved.covariance.map(|row| row.map(|v| v * widen * widen));
+    let positions = points.iter().map(|p| p.position_mm);
+    let range_mm = [
+        positions.clone().fold(f64::INFINITY, f64::min),
+        positions.fold(f64::NEG_INFINITY, f64::max),
+    ];
+    if given_p0.is_none() && !meet {
+        // Anywhere on the axis, and 0 need not be on it.
+        let far = range_mm.map(f64::abs).into_iter().fold(range_mm[1] - range_mm[0], f64::max);
+        covariance[2][2] = far * far / 3.0;
+    }
     let t_max_c = slopes.iter().map(|l| l.screw_c).fold(f64::NEG_INFINITY, f64::max);
     let rise = t_max_c - t0;
     if rise <= 0.0 {
@@ -252,7 +288,6 @@ fn fit_axis(
     let rms = |f: &dyn Fn(&Point) -> f64| {
         (points.iter().map(|p| f(p).powi(2)).sum::<f64>() / points.len() as f64).sqrt()
     };
-    let positions = points.iter().map(|p| p.position_mm);
     Ok(Screw {
         axis: axis.to_owned(),
         t0_c: t0,
@@ -262,10 +297,7 @@ fn fit_axis(
         tk_max_u95_um_per_m: 1e6 * k * tk_variance.max(0.0).sqrt(),
         p0_mm,
         p0_u95_mm: k * covariance[2][2].sqrt(),
-        range_mm: [
-            positions.clone().fold(f64::INFINITY, f64::min),
-            positions.fold(f64::NEG_INFINITY, f64::max),
-        ],
+        range_mm,
         noise_mm: noise * widen,
         before_rms_mm: rms(&|p| p.error_mm),
         after_rms_mm: rms(&|p| {

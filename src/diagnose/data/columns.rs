@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
-    angle_warning, ballbar, extend_time, known_effects, length_warning, need, need_head_b_table_c,
-    sites, thermal,
+    angle_warning, ballbar, check_direction, extend_time, known_effects, length_warning, need,
+    need_head_b_table_c, sites, thermal,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
@@ -198,6 +198,7 @@ impl ColumnsExperiment {
         need_head_b_table_c("ballbar", machine)?;
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         angle_warning("b_deg", data.get("b_deg"), warnings);
+        check_direction(table, "dir", data.get("dir"), warnings)?;
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
         let nuisances = ballbar::prepare(&mut data, &measured, warnings);

@@ -55,8 +55,19 @@ pub fn extend_time(t_s: &mut Vec<f64>) {
     }
 }
 
-/// Directions must be -1, 0 or 1.
-pub fn check_direction(table: &Table, name: &str, values: &[f64]) -> Result<()> {
+/// Directions must be -1, 0 or 1; says so where zeros look like the other direction.
+pub fn check_direction(
+    table: &Table,
+    name: &str,
+    values: &[f64],
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let count = |d: f64| values.iter().filter(|v| **v == d).count();
+    if count(-1.0) == 0 && count(1.0) > 0 && 5 * count(0.0) > values.len() {
+        warnings.push(format!(
+            "column '{name}' has 0 and 1 and no -1: 0 means that the axis did not move; write -1 where it came down"
+        ));
+    }
     match values.iter().position(|v| ![-1.0, 0.0, 1.0].contains(v)) {
         None => Ok(()),
         Some(row) => Err(table.error(

@@ -223,7 +223,7 @@ impl RodExperiment {
         let (dir_x, dir_y) = (per_capture("dir_x")?, per_capture("dir_y")?);
         for (name, column) in [("dir_x", &dir_x), ("dir_y", &dir_y)] {
             if !column.is_empty() {
-                check_direction(table, name, &table.column(name)?)?;
+                check_direction(table, name, &table.column(name)?, warnings)?;
             }
         }
         let (u, v) = (table.column("u_px")?, table.column("v_px")?);

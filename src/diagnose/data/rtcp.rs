@@ -121,8 +121,8 @@ impl RtcpExperiment {
         angle_warning("c_deg", &c_deg, warnings);
         let column = |name: &str| table.optional_column(name).map(Option::unwrap_or_default);
         let (dir_b, dir_c) = (column("dir_b")?, column("dir_c")?);
-        check_direction(table, "dir_b", &dir_b)?;
-        check_direction(table, "dir_c", &dir_c)?;
+        check_direction(table, "dir_b", &dir_b, warnings)?;
+        check_direction(table, "dir_c", &dir_c, warnings)?;
         if machine.target.is_none() {
             warnings.push(
                 "the machine file has no [target]: it is taken to lie on the C axis at the table's surface, \

@@ -114,7 +114,13 @@ impl<C, E: Clone + Default> Library<C, E> {
         let known: Vec<String> = self.infos[effect]
             .forms
             .iter()
-            .map(|f| f.iter().map(|p| p.name.as_ref()).collect::<Vec<_>>().join(", "))
+            .map(|f| {
+                let word = |p: &Parameter| match p.is_switch() {
+                    true => format!("{} = {}", p.name, p.start),
+                    false => p.name.to_string(),
+                };
+                f.iter().map(word).collect::<Vec<_>>().join(", ")
+            })
             .collect();
         Err(format!("{name} takes one of these sets of parameters: {}", known.join(" | ")))
     }
