@@ -3,12 +3,15 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
 use serde_json::json;
 
 use crate::cli::{Global, Outcome, Status, result, rows};
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
+use crate::diagnose::data::{angle_warning, length_warning};
+use crate::diagnose::generic::range;
 use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -36,9 +39,9 @@ pub struct Args {
     /// Largest deviation allowed
     #[arg(long, value_name = "MM", default_value_t = 0.015)]
     tolerance_mm: f64,
-    /// Standard uncertainty of a measured component
-    #[arg(long, value_name = "MM", default_value_t = 0.001)]
-    noise_mm: f64,
+    /// Standard uncertainty of a measured component (default: from poses measured again, else 0.001)
+    #[arg(long, value_name = "MM")]
+    noise_mm: Option<f64>,
     /// Write a plot per axis into this folder
     #[arg(long, value_name = "DIR", requires = "data")]
     report: Option<PathBuf>,
@@ -75,8 +78,12 @@ pub struct Compared {
     target_offset_mm: [f64; 3],
     /// Which of `before` and `after` the tolerance is held against.
     judged: &'static str,
-    /// Half-width of the 95 % interval of a deviation.
+    /// Half-width of the 95 % interval of the largest of them.
     worst_u95_mm: f64,
+    /// Standard uncertainty of a measured component.
+    noise_mm: f64,
+    /// Where it is from: `given`, `poses measured again` or `assumed`.
+    noise_source: &'static str,
     /// Largest deviation allowed.
     tolerance_mm: f64,
     /// Of `worst_mm` of what is judged.
@@ -143,8 +150,27 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path) -> Result<Outcome> {
     Ok(Outcome::good(Document::single(result("verify", &args.machine, &[], &planned), table)))
 }
 
+/// What a sweep cannot show, and units that look wrong.
+fn doubts(sweep: &Sweep, measured: &[Vector3<f64>], warnings: &mut Vec<String>) {
+    for (k, name) in ["b_deg", "c_deg"].into_iter().enumerate() {
+        let angles: Vec<f64> = sweep.rotary_rad.iter().map(|r| r[k].to_degrees()).collect();
+        angle_warning(name, &angles, warnings);
+        let (low, high) = range(&angles);
+        if high - low < 1e-6 {
+            warnings.push(format!(
+                "{name} never moves: what is wrong about that axis is taken for the target's place, or does not show"
+            ));
+        }
+    }
+    for (k, name) in ["dx_mm", "dy_mm", "dz_mm"].into_iter().enumerate() {
+        length_warning(name, &measured.iter().map(|d| d[k]).collect::<Vec<f64>>(), warnings);
+    }
+}
+
 fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Result<Outcome> {
-    for (option, value) in [("--tolerance-mm", args.tolerance_mm), ("--noise-mm", args.noise_mm)] {
+    for (option, value) in
+        [("--tolerance-mm", args.tolerance_mm), ("--noise-mm", args.noise_mm.unwrap_or(0.0))]
+    {
         if !(value.is_finite() && value >= 0.0) {
             return Err(Error::option(option, format!("is {value}"), "give a length in mm"));
         }
@@ -167,6 +193,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     };
     let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
+    doubts(&sweep, &measured, &mut warnings);
     if !machine.effects.is_empty() {
         let entries = own::of_machine(machine, "rtcp");
         let experiment = own::around(machine, &args.machine, entries, |rest| {
@@ -179,7 +206,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     let plot = args
         .report
         .as_ref()
-        .map(|folder| figure(&sweep, &report, args.noise_mm).write(folder, "sweep"))
+        .map(|folder| figure(&sweep, &report, report.noise_mm).write(folder, "sweep"))
         .transpose()?;
 
     let list = (0..measured.len()).map(|i| Row {
@@ -195,10 +222,12 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         after: report.after,
         target_offset_mm: report.target_offset_mm.into(),
         judged: if options.corrected { "after" } else { "before" },
-        worst_u95_mm: K95 * args.noise_mm,
+        worst_u95_mm: report.worst_u95_mm,
+        noise_mm: report.noise_mm,
+        noise_source: report.noise_source,
         tolerance_mm: args.tolerance_mm,
         verdict: report.verdict,
-        budget: budget("worst_mm", [("reading of a deviation (--noise-mm)", args.noise_mm)]),
+        budget: budget("worst_mm", [("reading of a deviation", report.worst_u95_mm / K95)]),
         plot: plot.clone(),
         rows: list.collect(),
     };
@@ -220,7 +249,10 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     line("left", &report.after);
     let _ = writeln!(
         table,
-        "largest deviation {} {} mm: {}",
+        "largest deviation ± {:.4} mm (95 %, noise {:.4} mm: {}), {} {} mm: {}",
+        report.worst_u95_mm,
+        report.noise_mm,
+        report.noise_source,
         if options.corrected {
             "left once the machine's values are in the control, limit"
         } else {

@@ -198,6 +198,7 @@ fn touch(machine: &mut VirtualMachine, rod: &rod::Report, burn: Option<&BurnTest
     let left_mm = burn.map_or(0.01, |b| b.offset_mm[0].hypot(b.offset_u95_mm[0] / K95));
     Readings {
         axis_center_mm: [of_axis(0), of_axis(1)],
+        axis_from_seen_mm: Measured::default(),
         rod_offset_mm: Measured {
             value: at_touch.center_mm[0] - rod.axis_center_mm[0],
             u: at_touch.center_u95_mm[0] / K95,

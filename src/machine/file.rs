@@ -24,7 +24,7 @@ pub struct Machine {
     #[serde(default = "plus_one")]
     pub c_sense: i32,
     /// From the head's rotary axis to the nozzle.
-    #[serde(default)]
+    #[serde(default = "Head::unknown")]
     pub head: Head,
     /// The table's rotary axis in machine coordinates.
     #[serde(default)]
@@ -51,11 +51,22 @@ pub struct Head {
     #[serde(default)]
     pub delta_x_mm: f64,
     /// From the rotary axis down to the nozzle's end face.
-    #[serde(default)]
+    #[serde(default = "unknown")]
     pub r_mm: f64,
     /// From the nozzle's end face down to the tool point (the focus).
     #[serde(default)]
     pub standoff_mm: f64,
+}
+
+impl Head {
+    fn unknown() -> Self {
+        Self { r_mm: unknown(), ..Self::default() }
+    }
+}
+
+/// What a file does not say and must, where its machine has it.
+fn unknown() -> f64 {
+    f64::NAN
 }
 
 /// `[table]`: the C axis at the table's surface, in machine coordinates.
@@ -205,8 +216,24 @@ impl Machine {
         Self::checked(path, tomlfile::parse(path, text)?)
     }
 
-    fn checked(path: &Path, machine: Self) -> Result<Self> {
+    fn checked(path: &Path, mut machine: Self) -> Result<Self> {
         let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
+        if machine.head.r_mm.is_nan() {
+            // A head that does not turn, or whose axes' lines are given, needs no R.
+            let in_head = machine.kinematics.order.split('b').nth(1).unwrap_or("");
+            let turns = |name: char| {
+                in_head.contains(name)
+                    && machine.axes.get(&name.to_string()).is_none_or(|a| a.point_mm.is_none())
+            };
+            if ['A', 'B'].into_iter().any(turns) {
+                return Err(named((
+                    "head.r_mm".to_owned(),
+                    "is missing".to_owned(),
+                    "give R in mm, from the head's rotary axis down to the nozzle's end face: [head] r_mm = 214.7",
+                )));
+            }
+            machine.head.r_mm = 0.0;
+        }
         machine.check().map_err(named)?;
         machine.chain().map_err(|e| {
             Error::file(path, format!("does not describe a machine: {e}"), "correct the file")

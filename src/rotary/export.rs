@@ -239,6 +239,7 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
     }
     let unit = magnification * options.resolution_deg;
     let (axis, last) = (options.axis_number, first + sections - 1);
+    let at_reference = grid.up[before as usize];
     let mut out = format!(
         "%\n(AXIS {} NO.{axis}: PULSES MOVE THE AXIS IN ITS POSITIVE DIRECTION; DETECTION UNIT {} DEG, STEPS OF {unit:.4} DEG)\n\
          N3620A{axis}P{}\nN3621A{axis}P{}\nN3622A{axis}P{last}\nN3623A{axis}P{magnification}\nN3624A{axis}P{}\n",
@@ -248,6 +249,13 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
         if modulo { options.reference_point } else { first },
         short(step),
     );
+    if at_reference.abs() >= 0.5 * options.resolution_deg {
+        let _ = writeln!(
+            out,
+            "(THIS TABLE IS 0 AT THE REFERENCE POSITION: SHIFT THE AXIS BY {} DEG THERE, OR ALL OF IT STAYS)",
+            number(at_reference, options.resolution_deg)
+        );
+    }
     if modulo {
         let _ = writeln!(out, "N3625A{axis}P360.");
     }

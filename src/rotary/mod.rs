@@ -15,7 +15,7 @@ pub use report::{Flag, Report, Row, Rule, Summary};
 pub use sweep::{Direction, Group, Noise, Sweep};
 
 use crate::error::{Error, Result};
-use crate::uncertainty::k95;
+use crate::uncertainty::K95;
 
 /// Degrees of correction per millimetre of the shop rule "0.01 mm = 0.001°".
 pub const PRINTED_RULE_DEG_PER_MM: f64 = 0.1;
@@ -121,22 +121,14 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
         let error_deg = (y / length).atan().to_degrees();
         let in_dead_band = y.abs() <= options.dead_band_mm + 1e-9;
         let comp_new_deg = if in_dead_band { comp_old_deg } else { comp_old_deg - error_deg };
-        let reading = noise.of_mean(group.readings);
+        let deviation_u95_mm = noise.u95_of_mean(group.readings);
         // ∂ε/∂y = L / (L² + y²), ∂ε/∂L = -y / (L² + y²).
         let scale = 1.0 / (length * length + y * y);
         let from_length = (y * options.pivot_u_mm * scale).to_degrees();
-        let error_u95_deg = reading.map(|(u_mm, dof)| {
-            let from_reading = (length * u_mm * scale).to_degrees();
-            let u = from_reading.hypot(from_length);
-            // Welch-Satterthwaite: only the reading's part has limited degrees of freedom.
-            let dof =
-                if from_reading > 0.0 { dof * (u / from_reading).powi(4) } else { f64::INFINITY };
-            k95(dof) * u
-        });
-        let deviation_u95_mm = reading.map(|(u_mm, dof)| k95(dof) * u_mm);
+        let error_u95_deg =
+            deviation_u95_mm.map(|u| (length * u * scale).to_degrees().hypot(K95 * from_length));
         // The next reading scatters by itself around what is left.
-        let predicted_u95_mm =
-            reading.map(|(u_mm, dof)| k95(dof) * u_mm.hypot(noise.reading_mm.hypot(noise.run_mm)));
+        let predicted_u95_mm = deviation_u95_mm.map(|u| u.hypot(noise.u95_of_next()));
         let mut flags = Vec::new();
         if in_dead_band {
             flags.push(Flag::DeadBand);

@@ -6,6 +6,7 @@ use std::path::Path;
 use super::Options;
 use crate::error::{Error, Result};
 use crate::table::Table;
+use crate::uncertainty::k95;
 
 /// The way the axis came to the angle.
 #[derive(
@@ -67,6 +68,8 @@ pub struct Noise {
     pub reading_dof: f64,
     /// Standard deviation of a whole run's shift (the indicator zeroed anew).
     pub run_mm: f64,
+    /// Standard deviation of the runs' means as seen, their readings' noise included.
+    between_mm: f64,
     /// Number of runs.
     pub runs: usize,
     /// What the figures rest on.
@@ -166,6 +169,7 @@ impl Sweep {
                 reading_mm,
                 reading_dof: f64::INFINITY,
                 run_mm: 0.0,
+                between_mm: 0.0,
                 runs: self.noise.runs,
                 source: NoiseSource::Given,
             },
@@ -210,22 +214,33 @@ impl Sweep {
 }
 
 impl Noise {
-    /// Standard uncertainty and degrees of freedom of the mean of some readings; `None` if unknown.
-    pub fn of_mean(&self, readings: usize) -> Option<(f64, f64)> {
-        if self.source == NoiseSource::Unknown {
-            return None;
-        }
-        let from_reading = self.reading_mm.powi(2) / readings as f64;
-        let from_run = self.run_mm.powi(2) / self.runs.max(1) as f64;
-        let total = from_reading + from_run;
-        // Welch-Satterthwaite; a part that is zero adds nothing.
-        let part = |v: f64, dof: f64| if v > 0.0 { v * v / dof } else { 0.0 };
-        let spread = part(from_reading, self.reading_dof) + part(from_run, self.runs as f64 - 1.0);
-        Some((total.sqrt(), if spread > 0.0 { total * total / spread } else { f64::INFINITY }))
+    /// Half-width of the 95 % interval of the mean of some readings; `None` if unknown.
+    ///
+    /// Readings and runs each with their own factor: two runs that happen to shift alike say little of how runs shift, and pooled
+    /// degrees of freedom (Welch-Satterthwaite) would believe them.
+    pub fn u95_of_mean(&self, readings: usize) -> Option<f64> {
+        let from_reading = k95(self.reading_dof) * self.reading_mm / (readings as f64).sqrt();
+        let runs = self.runs.max(1) as f64;
+        let from_run = if self.between_mm > 0.0 {
+            k95(runs - 1.0) * self.between_mm / runs.sqrt()
+        } else {
+            0.0
+        };
+        (self.source != NoiseSource::Unknown).then(|| from_reading.hypot(from_run))
+    }
+
+    /// The same of one more reading about its true mean.
+    pub(super) fn u95_of_next(&self) -> f64 {
+        k95(self.reading_dof) * self.reading_mm.hypot(self.run_mm)
     }
 
     pub(super) fn warning(&self) -> Option<String> {
         match self.source {
+            NoiseSource::Repeats if self.reading_mm == 0.0 => Some(
+                "repeated readings are all alike: the indicator's resolution hides its noise, or a run was copied; \
+                 give --noise-mm"
+                    .to_owned(),
+            ),
             NoiseSource::Given | NoiseSource::Repeats => None,
             NoiseSource::Roughness => Some(
                 "no repeated runs: the noise is taken from how rough the curve is, an upper bound; \
@@ -269,17 +284,19 @@ fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
         .sum();
     let dof = if split { free } else { repeats } as f64;
     let variance = sum / dof;
-    let mut run_variance = 0.0;
+    let (mut run_variance, mut between_mm) = (0.0, 0.0);
     if split {
         let places = readings.len() as f64 / used as f64;
         let between: f64 =
             (0..runs.len()).map(|i| shift_of(i).powi(2)).sum::<f64>() / (used - 1) as f64;
         run_variance = (between - variance / places).max(0.0);
+        between_mm = between.sqrt();
     }
     Noise {
         reading_mm: variance.sqrt(),
         reading_dof: dof,
         run_mm: run_variance.sqrt(),
+        between_mm,
         runs: used.max(1),
         source: NoiseSource::Repeats,
     }
@@ -308,6 +325,7 @@ fn roughness(groups: &[Group]) -> Noise {
         reading_mm: variance.sqrt(),
         reading_dof: (0.5 * count).max(1.0),
         run_mm: 0.0,
+        between_mm: 0.0,
         runs: 1,
         source,
     }

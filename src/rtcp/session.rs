@@ -66,6 +66,14 @@ impl Session {
 }
 
 /// Turns the file into numbers, noting what had to be assumed.
+/// What is known of the rod.
+struct RodSeen {
+    axis_center_mm: [Measured; 2],
+    axis_from_seen_mm: Measured,
+    rod_offset_mm: Measured,
+    diameter_mm: Measured,
+}
+
 struct Reader<'a> {
     path: &'a Path,
     warnings: Vec<String>,
@@ -83,14 +91,15 @@ impl Reader<'_> {
         let mut limits = Vec::new();
         let b_zero_u_rad = self.b_zero(file.burn.as_ref(), &file.touch, &mut limits)?;
         let indicator = file.checks.indicator_u_mm;
-        for (what, value) in [
-            ("rod parallel to Z", file.checks.rod_parallel_mm),
-            ("rod run-out over a turn of C", file.checks.rod_runout_mm),
+        self.uncertainty("checks.tolerance_mm", file.checks.tolerance_mm)?;
+        for (what, key, value) in [
+            ("rod parallel to Z", "checks.rod_parallel_mm", file.checks.rod_parallel_mm),
+            ("rod run-out over a turn of C", "checks.rod_runout_mm", file.checks.rod_runout_mm),
         ] {
             match value {
                 Some(value) => {
                     let value = Measured {
-                        value: self.length("checks", value)?,
+                        value: self.uncertainty(key, value)?,
                         u: self.uncertainty("checks.indicator_u_mm", indicator)?,
                     };
                     limits.push(Limit::new("S2", what, value, file.checks.tolerance_mm));
@@ -197,7 +206,7 @@ impl Reader<'_> {
 
     fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {
         let touch = &file.touch;
-        let (axis_center_mm, rod_offset_mm, diameter_mm) =
+        let RodSeen { axis_center_mm, axis_from_seen_mm, rod_offset_mm, diameter_mm } =
             self.rod(&file.rod, touch.c_deg, file.checks.rod_runout_mm)?;
         let rim = touch.nozzle_rim_radius_mm.unwrap_or_else(|| {
             self.warnings.push(
@@ -215,6 +224,7 @@ impl Reader<'_> {
         };
         Ok(Readings {
             axis_center_mm,
+            axis_from_seen_mm,
             rod_offset_mm,
             diameter_mm,
             x1_mm: self.given("touch.x1", Some(touch.x1_mm), touch.x1_u_mm)?,
@@ -237,9 +247,14 @@ impl Reader<'_> {
         rod: &Rod,
         touch_c_deg: Option<f64>,
         runout_mm: Option<f64>,
-    ) -> Result<([Measured; 2], Measured, Measured)> {
-        let mut eccentricity = rod.eccentricity_mm;
+    ) -> Result<RodSeen> {
+        let mut eccentricity = match rod.eccentricity_mm {
+            Some(e) => Some(self.uncertainty("rod.eccentricity_mm", e)?),
+            None => None,
+        };
         let mut offset = None;
+        // A centre with an eccentricity beside it is the rod's, as is one seen at one C angle.
+        let mut is_rods = rod.result.is_none() && eccentricity.is_some();
         let (center, u, diameter) = match (&rod.result, rod.center_mm) {
             (Some(file), None) => {
                 let json = self.json(file)?;
@@ -255,6 +270,7 @@ impl Reader<'_> {
                     value: r.center_mm[0] - result.axis_center_mm[0],
                     u: r.center_u95_mm.pair()[0] / K95,
                 });
+                is_rods = result.axis_separated == Some(false);
                 if result.rod_centers.len() > 1 {
                     eccentricity = eccentricity.or(result.eccentricity_mm);
                 }
@@ -309,12 +325,15 @@ impl Reader<'_> {
             let reason = format!("is {}", diameter.value);
             return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
         }
-        let offset = offset.unwrap_or_else(|| {
-            // Without the C angle of the touches the rod's centre may lie anywhere on its small circle.
-            let e = eccentricity.or(runout_mm.map(|r| r / 2.0)).unwrap_or(0.0);
-            Measured { value: 0.0, u: e.abs() / std::f64::consts::SQRT_2 }
-        });
-        Ok((axis, offset, diameter))
+        // Where its angle is not known a rod's centre may lie anywhere on its small circle.
+        let e = eccentricity.or(runout_mm.map(|r| r / 2.0)).unwrap_or(0.0);
+        let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
+        Ok(RodSeen {
+            axis_center_mm: axis,
+            axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
+            rod_offset_mm: offset.unwrap_or(anywhere),
+            diameter_mm: diameter,
+        })
     }
 
     /// The machine as the control holds it now; what is not given is taken as zero.

@@ -24,9 +24,11 @@ const CHECK_K: f64 = 3.0;
 /// What was read at the machine; lengths in mm, angles in rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Readings {
-    /// The C axis in machine X, Y, from the camera.
+    /// The centre the camera saw, in machine X, Y: the C axis, or at one C angle alone the rod.
     pub axis_center_mm: [Measured; 2],
-    /// The rod's centre minus the C axis along X at the touches' C angle.
+    /// The C axis minus the centre seen, in X and Y alike.
+    pub axis_from_seen_mm: Measured,
+    /// The rod's centre minus the centre seen along X at the touches' C angle.
     pub rod_offset_mm: Measured,
     /// The rod's diameter.
     pub diameter_mm: Measured,
@@ -91,10 +93,11 @@ pub struct Check {
 }
 
 /// Where uncertainty comes from, and which input quantities it enters through.
-const SOURCES: [(&str, &[usize]); 9] = [
+const SOURCES: [(&str, &[usize]); 10] = [
     ("C axis in X, from the camera", &[0]),
     ("C axis in Y, from the camera", &[1]),
     ("rod's centre seen from the C axis", &[2]),
+    ("C axis seen from the rod's centre", &[15, 16]),
     ("rod's diameter", &[3]),
     ("touch X1", &[4]),
     ("touch X2", &[5]),
@@ -103,7 +106,7 @@ const SOURCES: [(&str, &[usize]); 9] = [
     ("B positions at the touches", &[9, 10, 13, 14]),
 ];
 
-const INPUTS: usize = 15;
+const INPUTS: usize = 17;
 const OUTPUTS: usize = 7;
 type Inputs = SVector<f64, INPUTS>;
 
@@ -210,13 +213,15 @@ fn inputs(r: &Readings, check: Measured) -> (Inputs, Inputs) {
         Measured { value: 0.0, u: rim * zero },
         Measured { value: 0.0, u: rim * position },
         Measured { value: 0.0, u: rim * position },
+        r.axis_from_seen_mm,
+        r.axis_from_seen_mm,
     ];
     (Inputs::from_fn(|i, _| measured[i].value), Inputs::from_fn(|i, _| measured[i].u))
 }
 
 /// xb, zb, xc, yc, ΔX, R and the check touch's difference, for one sense of B.
 fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, OUTPUTS> {
-    let (xc, yc, offset, diameter) = (v[0], v[1], v[2], v[3]);
+    let (xc, yc, offset, diameter) = (v[0] + v[15], v[1] + v[16], v[2], v[3]);
     let rim = r.nozzle_rim_radius_mm;
     // Contact without the head vector's part; the rim's reach is taken at the angle told, its error
     // apart.
@@ -227,7 +232,7 @@ fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, O
         let b = sense * (told + error);
         [1.0 - b.cos(), b.sin()]
     };
-    let rod = xc + offset;
+    let rod = v[0] + offset;
     let (zero, early) = (v[8], v[12]);
     let [a1, s1] = row(r.b1_rad, zero + v[9]);
     let [a2, s2] = row(r.b2_rad, zero + v[10]);

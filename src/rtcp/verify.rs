@@ -1,7 +1,10 @@
 //! Whether a correction holds: a measured RTCP sweep against the machine model.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 
+use crate::fit::tails::chi2_quantile;
 use crate::machine::Chain;
 use crate::plot::{Figure, Panel};
 use crate::rtcp::sweep::{Size, Sweep, remove_target_offset};
@@ -12,12 +15,17 @@ use crate::uncertainty::{K95, Verdict};
 pub struct Options {
     /// The largest deviation allowed.
     pub tolerance_mm: f64,
-    /// Standard uncertainty of a measured component.
-    pub noise_mm: f64,
+    /// Standard uncertainty of a measured component; `None`: from poses measured again, else [`USUAL_NOISE_MM`].
+    pub noise_mm: Option<f64>,
     /// Whether the control held other values than the model's, so that the prediction is what the
     /// new values would remove.
     pub corrected: bool,
 }
+
+/// What a touch trigger or an indicator repeats to, where nothing tells.
+pub const USUAL_NOISE_MM: f64 = 0.001;
+/// Degrees of freedom from which poses measured again tell the noise.
+const LEAST_REPEATS: f64 = 6.0;
 
 /// A sweep compared with its prediction; the target's place is fitted in each.
 #[derive(Debug, Clone)]
@@ -30,6 +38,12 @@ pub struct Report {
     pub rest: Vec<Vector3<f64>>,
     /// Where the target really is, seen from where the model has it, in the table frame.
     pub target_offset_mm: Vector3<f64>,
+    /// Standard uncertainty of a measured component.
+    pub noise_mm: f64,
+    /// Where it is from.
+    pub noise_source: &'static str,
+    /// Half-width of the 95 % interval of the largest deviation.
+    pub worst_u95_mm: f64,
     /// Size of the measured deviations.
     pub before: Size,
     /// Size of what the model leaves.
@@ -54,8 +68,53 @@ pub fn verify(
     remove_target_offset(real, rotary, &mut predicted);
     let (before, after) = (Size::of(&measured), Size::of(&rest));
     let judged = if options.corrected { after } else { before };
-    let verdict = Verdict::of(judged.worst_mm, K95 * options.noise_mm, options.tolerance_mm);
-    Report { measured, predicted, rest, target_offset_mm, before, after, verdict }
+    let repeats = repeatability(rotary, &rest);
+    let (noise_mm, noise_source) = match (options.noise_mm, repeats) {
+        (Some(given), _) => (given, "given"),
+        (None, Some(seen)) => (seen, "poses measured again"),
+        (None, None) => (USUAL_NOISE_MM, "assumed"),
+    };
+    let lengths = if options.corrected { &rest } else { &measured };
+    let worst_u95_mm = worst_u95(lengths, noise_mm);
+    let verdict = Verdict::of(judged.worst_mm, worst_u95_mm, options.tolerance_mm);
+    Report {
+        measured,
+        predicted,
+        rest,
+        target_offset_mm,
+        noise_mm,
+        noise_source,
+        worst_u95_mm,
+        before,
+        after,
+        verdict,
+    }
+}
+
+/// Standard deviation of a component at poses that were measured more than once; `None` where there are too few.
+fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<f64> {
+    let mut poses: BTreeMap<[i64; 2], Vec<Vector3<f64>>> = BTreeMap::new();
+    for (r, d) in rotary.iter().zip(d) {
+        poses.entry(r.map(|a| (a.to_degrees() * 1e6).round() as i64)).or_default().push(*d);
+    }
+    let (mut sum, mut dof) = (0.0, 0.0);
+    for list in poses.values() {
+        let mean = list.iter().sum::<Vector3<f64>>() / list.len() as f64;
+        sum += list.iter().map(|d| (d - mean).norm_squared()).sum::<f64>();
+        dof += 3.0 * (list.len() as f64 - 1.0);
+    }
+    (dof >= LEAST_REPEATS).then(|| (sum / dof).sqrt())
+}
+
+/// Half-width of the 95 % interval of the largest length. The largest of many was chosen for its noise too: it is off by no more than
+/// the largest noise of those that may be the largest.
+fn worst_u95(d: &[Vector3<f64>], noise_mm: f64) -> f64 {
+    let worst = d.iter().map(Vector3::norm).fold(0.0, f64::max);
+    let rivals = d.iter().filter(|d| d.norm() > worst - 2.0 * K95 * noise_mm).count().max(1);
+    // Far from zero a length is off by the noise along it, near zero by all three components'.
+    let components = if worst > 2.0 * K95 * noise_mm { 1.0 } else { 3.0 };
+    let one_of_them = -(0.95_f64.ln() / rivals as f64).exp_m1();
+    noise_mm * chi2_quantile(one_of_them.ln(), components).sqrt()
 }
 
 /// Measured and predicted deviations along X, Y, Z, over B (left) and over C (right).
