@@ -8,6 +8,9 @@ use crate::error::{Error, Result};
 /// The most rows a table may have; a guard against feeding the wrong file.
 const MAX_ROWS: usize = 20_000_000;
 
+/// The largest number a cell may hold: squares and products of what is beyond are no numbers any more.
+const MOST: f64 = 1e15;
+
 /// A CSV file held as text cells, addressed by column name.
 #[derive(Debug, Clone)]
 pub struct Table {
@@ -45,6 +48,17 @@ impl Table {
                 path,
                 "the file is empty",
                 format!("give it a header line with {}", required.join(",")),
+            ));
+        }
+        if let [only] = names.as_slice()
+            && let Some(separator) = only.chars().find(|c| [';', '\t', '|'].contains(c))
+        {
+            return Err(Error::field(
+                path,
+                Some(1),
+                "header",
+                format!("its columns are separated by {separator:?}"),
+                "save the file with commas between columns and a point as the decimal mark",
             ));
         }
         let mut index = HashMap::new();
@@ -164,6 +178,14 @@ impl Table {
                 "remove the row or measure it again",
             ));
         }
+        if value.abs() > MOST {
+            return Err(self.error(
+                row,
+                name,
+                format!("'{text}' is beyond anything that is measured"),
+                "remove the row or measure it again",
+            ));
+        }
         Ok(value)
     }
 
@@ -233,6 +255,8 @@ mod tests {
             ("a_mm\n", "no rows"),
             ("b\n1\n", "column 'a_mm': is missing"),
             ("a_mm,c\n1,2\n", "column 'c': is not known"),
+            ("a_mm;b\n1,0;2\n", "t.csv:1: header: its columns are separated by ';'"),
+            ("a_mm\tb\n1\t2\n", "separated by '\\t'"),
             ("a_mm,a_mm\n1,2\n", "stands twice"),
             ("a_mm,b\n1,2\n1\n", "t.csv:3: row: has 1 fields"),
         ] {

@@ -213,7 +213,7 @@ fn wrong_cells_are_named_with_line_and_column() {
         rotary,
         &["deviation_um", "known columns", "deviation_mm"],
     );
-    says("t.csv", "angle_deg;deviation_mm\n0;1\n", rotary, &["angle_deg;deviation_mm"]);
+    says("t.csv", "angle_deg;deviation_mm\n0;1\n", rotary, &["separated by ';'"]);
     says("t.csv", "angle_deg,deviation_mm,deviation_mm\n0,1,1\n", rotary, &["twice"]);
     says("t.csv", "angle_deg,deviation_mm\n", rotary, &["no rows"]);
     // Micrometres under the name of millimetres, degrees where millimetres are due.

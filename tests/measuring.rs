@@ -78,7 +78,13 @@ fn burns_at_one_setting_are_judged_by_their_mean() {
     let calib = image("burn-typical/calib.toml");
     let [a, b] = &pictures;
     let mean = ["--calib", &calib, "--mean", "--format", "json"];
-    let (code, twice, error) = run(&[&["burn", a, a][..], &mean].concat());
+    let (code, _, error) = run(&[&["burn", a, a][..], &mean].concat());
+    assert!(code == 2 && error.contains("one picture"), "{error}");
+    // Another file with the same picture in it: what a decoder does not read is added.
+    let folder = tempfile::tempdir().unwrap();
+    let again = folder.path().join("again.png").to_str().unwrap().to_owned();
+    std::fs::write(&again, [&std::fs::read(a).unwrap()[..], &[0]].concat()).unwrap();
+    let (code, twice, error) = run(&[&["burn", a, &again][..], &mean].concat());
     assert!(code <= 1, "{error}");
     assert_eq!(number(&twice, "/mean/tests"), 2.0);
     for axis in 0..2 {

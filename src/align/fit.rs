@@ -58,6 +58,8 @@ pub struct Alignment {
 pub struct Touches {
     face: Vec<Vector3<f64>>,
     sides: [Vec<Vector3<f64>>; 2],
+    /// Touches that stand in the file a second time; they are left out.
+    twice: usize,
 }
 
 impl Touches {
@@ -75,14 +77,20 @@ impl Touches {
                 table.number(row, "y_mm")?,
                 table.number(row, "z_mm")?,
             );
-            match table.text(row, "kind") {
-                "face" => touches.face.push(p),
-                "side_x" => touches.sides[0].push(p),
-                "side_y" => touches.sides[1].push(p),
+            let list = match table.text(row, "kind") {
+                "face" => &mut touches.face,
+                "side_x" => &mut touches.sides[0],
+                "side_y" => &mut touches.sides[1],
                 other => {
                     let reason = format!("'{other}' is not known");
                     return Err(table.error(row, "kind", reason, "write face, side_x or side_y"));
                 }
+            };
+            // Two touches never agree in every digit: it is one, written twice.
+            if list.contains(&p) {
+                touches.twice += 1;
+            } else {
+                list.push(p);
             }
         }
         if touches.face.len() < 3 {
@@ -179,6 +187,12 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
             "--touch-u-mm",
             "is not above 0",
             "give the standard uncertainty of a touch in mm",
+        ));
+    }
+    if touches.twice > 0 {
+        warnings.push(format!(
+            "{} touches stand twice, equal in every digit: each counts once",
+            touches.twice
         ));
     }
     let (best, left) = solve(touches, options)?;

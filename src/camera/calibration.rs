@@ -311,8 +311,11 @@ fn check_lens(lens: &Lens) -> std::result::Result<(), (&'static str, String, &'s
             "calibrate the camera again",
         ));
     }
-    if lens.fx_px == 0.0 || lens.fy_px == 0.0 {
-        return Err(("camera.fx_px", "is zero".into(), "give the focal length in pixels"));
+    if let Some((name, f)) = [("camera.fx_px", lens.fx_px), ("camera.fy_px", lens.fy_px)]
+        .into_iter()
+        .find(|(_, f)| *f <= 0.0)
+    {
+        return Err((name, format!("is {f}"), "give the focal length in pixels, above zero"));
     }
     if lens.width_px == 0 || lens.height_px == 0 {
         return Err(("camera.width_px", "is zero".into(), "give the frame's size in pixels"));

@@ -32,20 +32,13 @@ struct FitArgs {
     #[arg(required = true)]
     points: Option<PathBuf>,
     /// Height of the face in the program
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
     z_ideal_mm: f64,
     /// The blank's axis in the program
-    #[arg(
-        long,
-        value_name = "X,Y",
-        value_delimiter = ',',
-        num_args = 2,
-        default_value = "0,0",
-        allow_negative_numbers = true
-    )]
-    center_ideal_mm: Vec<f64>,
+    #[arg(long, value_name = "X,Y", default_value = "0,0", value_parser = place, allow_hyphen_values = true)]
+    center_ideal_mm: [f64; 2],
     /// Turn of the path about the blank's axis
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0)]
     c_deg: f64,
     /// Standard uncertainty of a touch (default: from the face's residuals)
     #[arg(long, value_name = "MM")]
@@ -91,6 +84,14 @@ struct ApplyArgs {
     feed_mm_min: f64,
 }
 
+fn place(text: &str) -> std::result::Result<[f64; 2], String> {
+    let parts: Vec<f64> = text.split(',').map_while(|v| v.trim().parse().ok()).collect();
+    match parts[..] {
+        [x, y] if x.is_finite() && y.is_finite() && text.matches(',').count() == 1 => Ok([x, y]),
+        _ => Err("give two numbers in mm: X,Y".into()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.command {
@@ -106,7 +107,7 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
         .ok_or_else(|| Error::option("POINTS.csv", "is missing", "give the file of touches"))?;
     let options = fit::Options {
         z_ideal_mm: args.z_ideal_mm,
-        center_ideal_mm: [args.center_ideal_mm[0], args.center_ideal_mm[1]],
+        center_ideal_mm: args.center_ideal_mm,
         c_deg: args.c_deg,
         touch_u_mm: args.touch_u_mm,
     };

@@ -49,10 +49,10 @@ impl SetupArgs {
 #[derive(Debug, Clone, clap::Args)]
 struct RangeArgs {
     /// First B angle
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0)]
     from_deg: f64,
     /// Last B angle
-    #[arg(long, value_name = "DEG", default_value_t = -60.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = -60.0)]
     to_deg: f64,
     /// Number of equal steps along the arc
     #[arg(long, default_value_t = 600)]
@@ -76,10 +76,10 @@ struct PlanArgs {
     #[arg(long, value_name = "MM/MIN", default_value_t = 500.0)]
     feed_mm_min: f64,
     /// Machine X where the B axis is above the base cup
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
     x_zero_mm: f64,
     /// Machine Z at the start of the source's path
-    #[arg(long, value_name = "MM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "MM", default_value_t = 0.0)]
     z_zero_mm: f64,
 }
 
@@ -192,6 +192,13 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
             return Err(Error::option("--feed-mm-min", "is not above 0", "give a speed"));
         }
         let zero = [args.x_zero_mm, args.z_zero_mm];
+        if zero.iter().any(|v| !(v.abs() < 1e6)) {
+            return Err(Error::option(
+                "--x-zero-mm, --z-zero-mm",
+                "are no places on a machine",
+                "give lengths in mm",
+            ));
+        }
         write_whole(file, path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero).as_bytes())?;
         global.say(format!("wrote {}", file.display()));
     }

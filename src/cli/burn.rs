@@ -1,5 +1,6 @@
 //! `pivotsight burn`: is the spot concentric with the ring, and what has to be turned?
 
+use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -12,6 +13,7 @@ use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
+use crate::hash;
 use crate::measure::CircleReport;
 use crate::measure::burn::{self, Options, Report, ToleranceKind};
 use crate::measure::cross;
@@ -103,6 +105,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             "use --format table or json",
         ));
     }
+    if args.mean {
+        each_once(&args.images)?;
+    }
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
     let mut outcome = pictures::run("burn", &args.images, &identity, overlay, global, |image| {
@@ -132,6 +137,23 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         add_mean(&mut outcome, &options, global);
     }
     Ok(outcome)
+}
+
+/// Tests that are one picture twice are no two tests: their mean would seem surer than it is.
+fn each_once(images: &[PathBuf]) -> Result<()> {
+    let mut seen: HashMap<String, &PathBuf> = HashMap::new();
+    for image in images {
+        // What cannot be read is said with its picture.
+        let Ok(bytes) = std::fs::read(image) else { continue };
+        if let Some(first) = seen.insert(hash::of_bytes(&bytes), image) {
+            return Err(Error::option(
+                "--mean",
+                format!("'{}' and '{}' are one picture", first.display(), image.display()),
+                "give each test once",
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// Adds the mean of the tests that were measured; its verdict is the command's.

@@ -27,7 +27,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
     /// Diameter of the rim or mark, to a tenth; known to 0.02 mm it also carries arcs
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
     /// Average frames until the centre is known this well (95 %)
     #[arg(long, value_name = "MM", default_value_t = 0.002)]

@@ -24,7 +24,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
     /// Expected diameter; once for each circle, reported in this order
-    #[arg(long, value_name = "D", required = true, allow_negative_numbers = true)]
+    #[arg(long, value_name = "D", required = true)]
     expect_mm: Vec<f64>,
     /// Which part of colour pictures is measured
     #[arg(long, value_enum, default_value = "auto")]

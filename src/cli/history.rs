@@ -24,8 +24,8 @@ pub struct Args {
     /// Only inputs whose name contains TEXT
     #[arg(long, value_name = "TEXT")]
     input: Option<String>,
-    /// Only with this verdict (pass, fail, undecided)
-    #[arg(long)]
+    /// Only with this verdict
+    #[arg(long, value_parser = ["pass", "fail", "undecided"])]
     verdict: Option<String>,
     /// Not before this UTC date or time (2026-11-21 or 2026-11-21T03:35:10Z)
     #[arg(long, value_name = "TIME")]

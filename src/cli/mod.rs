@@ -32,7 +32,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::clock;
 use crate::error::{Error, Result};
@@ -75,7 +75,7 @@ impl Global {
     /// Prints a progress line or warning on standard error unless `--quiet`.
     pub fn say(&self, message: impl std::fmt::Display) {
         if !self.quiet {
-            eprintln!("{message}");
+            complain(&message);
         }
         self.note(message);
     }
@@ -86,9 +86,14 @@ impl Global {
         let line = format!("{} {message}\n", clock::utc(clock::now()));
         let file = std::fs::OpenOptions::new().append(true).create(true).open(path);
         if let Err(e) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
-            eprintln!("pivotsight: {}: cannot write the log: {e}", path.display());
+            complain(format_args!("pivotsight: {}: cannot write the log: {e}", path.display()));
         }
     }
+}
+
+/// A line on standard error. Where that is full or closed nobody reads it, and the result must not be lost with it.
+fn complain(line: impl std::fmt::Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 #[derive(Debug, Subcommand)]
@@ -162,17 +167,33 @@ impl Status {
     }
 }
 
+/// The whole command line. A negative number is a value wherever one is taken: what is wrong with it the library says.
+fn command() -> clap::Command {
+    fn with_negative(command: clap::Command) -> clap::Command {
+        command
+            .mut_args(|a| {
+                let takes = a.get_action().takes_values() && !a.is_allow_hyphen_values_set();
+                if takes { a.allow_negative_numbers(true) } else { a }
+            })
+            .mut_subcommands(with_negative)
+    }
+    with_negative(Cli::command())
+}
+
 /// Runs the program with the process's own arguments.
 pub fn run() -> ExitCode {
     let fail = |error: Error| {
-        eprintln!("pivotsight: {error}");
+        complain(format_args!("pivotsight: {error}"));
         Status::BadInput.code()
     };
     let arguments = match config::arguments(std::env::args_os().collect()) {
         Ok(arguments) => arguments,
         Err(error) => return fail(error),
     };
-    let cli = Cli::parse_from(&arguments);
+    let cli = match Cli::from_arg_matches(&command().get_matches_from(&arguments)) {
+        Ok(cli) => cli,
+        Err(error) => error.exit(),
+    };
     let words: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
     let global = &cli.global;
     global.note(words.join(" "));

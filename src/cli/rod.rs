@@ -24,10 +24,10 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
     /// The rod's nominal diameter, known to 0.02 mm
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
     /// Sense in which a positive C turns the table (c_sense of the machine file)
-    #[arg(long, value_name = "1|-1", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "1|-1", default_value_t = 1.0)]
     c_sense: f64,
     /// Which part of colour pictures is measured
     #[arg(long, value_enum, default_value = "auto")]

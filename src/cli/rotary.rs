@@ -28,13 +28,13 @@ pub struct Args {
     #[arg(long)]
     modulo: bool,
     /// -1 if a positive comp_deg in the file moves the axis in its negative direction (Siemens)
-    #[arg(long, value_name = "1|-1", default_value_t = 1.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "1|-1", default_value_t = 1.0)]
     comp_sense: f64,
     /// comp_deg holds steps from one angle to the next, and a CSV table is written so
     #[arg(long)]
     incremental: bool,
     /// Angle of the reference position, where an incremental table is zero
-    #[arg(long, value_name = "DEG", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0)]
     reference_deg: f64,
     /// Write the new table to FILE
     #[arg(long, value_name = "FILE")]

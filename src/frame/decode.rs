@@ -72,6 +72,10 @@ impl Picture {
         if path.is_dir() {
             return Err(Error::file(path, "is a folder", "give a picture file"));
         }
+        // A pipe that nobody writes to would be waited for, for ever.
+        if path.metadata().is_ok_and(|m| !m.is_file()) {
+            return Err(Error::file(path, "is a pipe or a device", "give a picture file"));
+        }
         let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
         Self::decode(path, &bytes)
     }

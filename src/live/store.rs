@@ -29,7 +29,9 @@ pub struct Position {
 impl Position {
     /// Reads `X Y [C]`, as an operator types it.
     pub fn parse(line: &str) -> Result<Self> {
-        let between = |c: char| c.is_whitespace() || c == ',' || c == ';';
+        // Among blanks a comma between digits is a decimal mark: 3,5 4 is not X 3 Y 5 C 4.
+        let blanks = line.split_whitespace().filter(|w| !w.ends_with([',', ';'])).count() > 1;
+        let between = |c: char| c.is_whitespace() || (!blanks && (c == ',' || c == ';'));
         let words: Vec<&str> = line.split(between).filter(|w| !w.is_empty()).collect();
         let numbers: Vec<f64> = words.iter().map_while(|w| w.parse().ok()).collect();
         match numbers[..] {
@@ -43,7 +45,7 @@ impl Position {
             _ => Err(Error::option(
                 "position",
                 format!("'{}' is not X Y or X Y C", line.trim()),
-                "type the machine's X and Y in mm, and C in degrees where it is not 0",
+                "type the machine's X and Y in mm, and C in degrees where it is not 0, with blanks between and a point as the decimal mark",
             )),
         }
     }
@@ -153,7 +155,8 @@ mod tests {
             Position { x_mm: 12.5, y_mm: -3.0, c_deg: 90.0 }
         );
         assert_eq!(Position::parse("1,2").unwrap().c_deg, 0.0);
-        for bad in ["", "1", "1 2 3 4", "1 x", "nan 2"] {
+        assert_eq!(Position::parse("1, 2").unwrap().y_mm, 2.0);
+        for bad in ["", "1", "1 2 3 4", "1 x", "nan 2", "3,5 4"] {
             assert!(Position::parse(bad).is_err(), "{bad}");
         }
     }

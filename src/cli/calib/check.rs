@@ -22,7 +22,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
     /// The known diameter
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
     /// Half-width of the known diameter's 95 % interval
     #[arg(long, value_name = "U", default_value_t = 0.0)]

@@ -20,7 +20,7 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
     /// Diameter of the burns, to a tenth
-    #[arg(long, value_name = "D", allow_negative_numbers = true)]
+    #[arg(long, value_name = "D")]
     diameter_mm: f64,
     /// Write the calibration with the new [laser] to FILE (which may be the one given)
     #[arg(long, value_name = "FILE")]
