@@ -28,8 +28,14 @@ const AS_CLEAR: f64 = 0.2;
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
-/// What a spot must keep to.
+/// What a spot must keep to, and one of which less than this part is seen.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
+const PART: Limits = Limits { doubt: 0.02, ..SPOT };
+const PARTLY: f64 = 0.8;
+/// Of ring and spot one at least is seen to this part.
+const BOTH: (f64, f64) = (0.7, 0.9);
+/// Radius of a spot as measured, as a part of the ring's: beyond is the inner edge of an annulus, or a ripple.
+const LARGEST: f64 = 0.36;
 
 /// Circles inside a ring that may be its spot, best first.
 pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) -> Vec<Candidate> {
@@ -169,9 +175,18 @@ impl Inside<'_> {
 
     fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
         let ring = self.ring.circle;
-        is_circle(found, self.view, &SPOT)
-            && found.circle.radius < 0.5 * ring.radius // Beyond is the annulus' inner edge.
-            && (found.circle.center - ring.center).norm() < ring.radius
+        let apart = (found.circle.center - ring.center).norm() / ring.radius;
+        let size = found.circle.radius / ring.radius;
+        let is_rings_own =
+            found.contrast * self.ring.contrast < 0.0 && size > OWN.0 && apart < OWN.1;
+        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer.
+        let limits = if found.arc_coverage < PARTLY { &PART } else { &SPOT };
+        let in_part = self.ring.arc_coverage < BOTH.0 && found.arc_coverage < BOTH.1;
+        is_circle(found, self.view, limits)
+            && size < LARGEST
+            && apart < 1.0
+            && !is_rings_own
+            && !in_part
             && !is_polygon(&found.residuals, found.circle.radius)
             && !strayed(found, rough)
     }
