@@ -2,9 +2,10 @@
 
 #[path = "../examples/accuracy/decoded.rs"]
 mod decoded;
+mod painter;
 
 use nalgebra::Vector2;
-use pivotsight::camera::Calibration;
+use pivotsight::camera::{Calibration, Mapping};
 use pivotsight::frame::{Frame, Gray, Picture};
 use pivotsight::measure::rod::{self, Capture, Options, Report};
 use pivotsight::render::{self, Preset, RodScene};
@@ -168,4 +169,37 @@ fn an_angle_whose_centre_does_not_turn_with_the_table_is_refused_by_name() {
     let refused = rod::measure_frames(&rod.captures, &rod.frames, &Options::default());
     let why = refused.map(|m| m.report.axis_center_mm).unwrap_err().to_string();
     assert!(why.contains("do not turn with the table"), "{why}");
+}
+
+/// Where pixels are coarse and the picture clear, rim and chamfer are some pixels apart, and the chamfer's edge is the stronger one.
+#[test]
+fn a_narrow_chamfer_seen_with_coarse_pixels_is_not_the_rim() {
+    const MM_PER_PX: f64 = 0.012;
+    let mapping = Mapping::Scale { mm_per_px: MM_PER_PX, rotation_deg: 0.0 };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
+    let (radius_mm, chamfer_mm) = (9.0, 0.15);
+    let (mut captures, mut frames) = (Vec::new(), Vec::new());
+    for (k, way_deg) in [20.0, 80.0, 140.0, 200.0, 260.0, 320.0f64].into_iter().enumerate() {
+        let way = Vector2::new(way_deg.to_radians().cos(), way_deg.to_radians().sin());
+        // The camera looks at the rim.
+        let at_mm = Vector2::new(100.0, 50.0) + radius_mm * way;
+        let seen = painter::picture(|p| {
+            let plane_mm = MM_PER_PX * Vector2::new(p.x - 319.5, 239.5 - p.y);
+            match (plane_mm + radius_mm * way).norm() {
+                r if r < radius_mm - chamfer_mm => 160.0,
+                r if r < radius_mm => 80.0,
+                _ => 40.0,
+            }
+        });
+        captures.push(Capture::in_memory(format!("capture {k}"), at_mm, 0.0));
+        frames.push((
+            seen.into_frame(Options::default().channel),
+            calibration.view(640, 480).unwrap(),
+        ));
+    }
+    for diameter_mm in [None, Some(2.0 * radius_mm)] {
+        let options = Options { diameter_mm, ..Options::default() };
+        let found = rod::measure_frames(&captures, &frames, &options).unwrap().report.diameter_mm;
+        assert!((found - 2.0 * radius_mm).abs() < 0.001, "{diameter_mm:?}: {found}");
+    }
 }

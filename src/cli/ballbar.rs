@@ -192,7 +192,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
             return Err(Error::option("--feed-mm-min", "is not above 0", "give a speed"));
         }
         let zero = [args.x_zero_mm, args.z_zero_mm];
-        if zero.iter().any(|v| !(v.abs() < 1e6)) {
+        if !zero.iter().all(|v| v.abs() < 1e6) {
             return Err(Error::option(
                 "--x-zero-mm, --z-zero-mm",
                 "are no places on a machine",

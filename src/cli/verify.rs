@@ -61,7 +61,7 @@ pub struct Args {
 #[serde(untagged)]
 #[allow(dead_code)] // Only described.
 pub enum Output {
-    Compared(Compared),
+    Compared(Box<Compared>),
     Planned(Planned),
 }
 

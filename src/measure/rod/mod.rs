@@ -146,7 +146,8 @@ pub fn measure_frames(
         let found = if other == 0 { attempts.apart() } else { about(other) };
         let Some(Ok(other)) = found.map(&measure) else { continue };
         let clearer = |m: &Measured| other.report.form_rms_mm < CLEARER * m.report.form_rms_mm;
-        if best.as_ref().map_or(true, clearer) {
+        // Where the likeliest is refused another must be no such circle itself.
+        if best.as_ref().map_or_else(|_| !doubtful(&other), clearer) {
             best = Ok(other);
         }
     }
@@ -374,6 +375,9 @@ fn find_axis(
             warnings.push(
                 "the rod's centres turn against C: c_sense seems to be the other one".to_owned(),
             );
+            // Nor may they miss the circle on which they would turn the other way.
+            let excess = (other.chi2 / other.dof.max(1) as f64).sqrt();
+            agreement::turn_together(&other, excess, centers, c_deg, -options.c_sense)?;
         } else {
             agreement::turn_together(&axis, excess, centers, c_deg, options.c_sense)?;
         }
