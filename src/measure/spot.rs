@@ -33,7 +33,7 @@ const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.1
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
 const PARTLY: f64 = 0.8;
 /// Of ring and spot one at least is seen to this part.
-const BOTH: (f64, f64) = (0.7, 0.9);
+const BOTH: (f64, f64) = (0.8, 0.8);
 /// Radius of a spot as measured, as a part of the ring's: beyond is the inner edge of an annulus, or a ripple.
 const LARGEST: f64 = 0.36;
 
@@ -179,8 +179,9 @@ impl Inside<'_> {
         let size = found.circle.radius / ring.radius;
         let is_rings_own =
             found.contrast * self.ring.contrast < 0.0 && size > OWN.0 && apart < OWN.1;
-        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer.
-        let limits = if found.arc_coverage < PARTLY { &PART } else { &SPOT };
+        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it unsure.
+        let is_part = found.arc_coverage < PARTLY && found.form_from_texture_mm == 0.0;
+        let limits = if is_part { &PART } else { &SPOT };
         let in_part = self.ring.arc_coverage < BOTH.0 && found.arc_coverage < BOTH.1;
         is_circle(found, self.view, limits)
             && size < LARGEST
