@@ -143,9 +143,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 fn each_once(images: &[PathBuf]) -> Result<()> {
     let mut seen: HashMap<String, &PathBuf> = HashMap::new();
     for image in images {
-        // What cannot be read is said with its picture.
-        let Ok(bytes) = std::fs::read(image) else { continue };
-        if let Some(first) = seen.insert(hash::of_bytes(&bytes), image) {
+        // What cannot be read is said with its picture; a pipe would be waited for.
+        let Some(sum) = Some(image).filter(|i| i.is_file()).and_then(|i| hash::of_file(i).ok())
+        else {
+            continue;
+        };
+        if let Some(first) = seen.insert(sum, image) {
             return Err(Error::option(
                 "--mean",
                 format!("'{}' and '{}' are one picture", first.display(), image.display()),

@@ -196,9 +196,12 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     doubts(&sweep, &measured, &mut warnings);
     if !machine.effects.is_empty() {
         let entries = own::of_machine(machine, "rtcp");
+        let mut more = Vec::new();
         let experiment = own::around(machine, &args.machine, entries, |rest| {
-            Ok(Box::new(RtcpExperiment::from_table(&sweep.table, rest, &mut warnings)?))
+            Ok(Box::new(RtcpExperiment::from_table(&sweep.table, rest, &mut more)?))
         })?;
+        more.retain(|w| !warnings.contains(w));
+        warnings.extend(more);
         add_effects(experiment.as_ref(), &mut predicted);
     }
     let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);

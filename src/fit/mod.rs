@@ -4,7 +4,7 @@ pub mod circle;
 pub mod correlated;
 pub mod least_squares;
 pub mod robust;
-
-pub use circle::Circle;
 pub mod serial;
 pub mod tails;
+
+pub use circle::Circle;

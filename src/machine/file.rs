@@ -24,7 +24,7 @@ pub struct Machine {
     #[serde(default = "plus_one")]
     pub c_sense: i32,
     /// From the head's rotary axis to the nozzle.
-    #[serde(default = "Head::unknown")]
+    #[serde(default = "Head::unsaid")]
     pub head: Head,
     /// The table's rotary axis in machine coordinates.
     #[serde(default)]
@@ -51,7 +51,7 @@ pub struct Head {
     #[serde(default)]
     pub delta_x_mm: f64,
     /// From the rotary axis down to the nozzle's end face.
-    #[serde(default = "unknown")]
+    #[serde(default = "unsaid")]
     pub r_mm: f64,
     /// From the nozzle's end face down to the tool point (the focus).
     #[serde(default)]
@@ -59,14 +59,14 @@ pub struct Head {
 }
 
 impl Head {
-    fn unknown() -> Self {
-        Self { r_mm: unknown(), ..Self::default() }
+    fn unsaid() -> Self {
+        Self { r_mm: unsaid(), ..Self::default() }
     }
 }
 
-/// What a file does not say and must, where its machine has it.
-fn unknown() -> f64 {
-    f64::NAN
+/// What a file does not say and must, where its machine has it: a number that is no length.
+fn unsaid() -> f64 {
+    f64::MIN
 }
 
 /// `[table]`: the C axis at the table's surface, in machine coordinates.
@@ -218,7 +218,7 @@ impl Machine {
 
     fn checked(path: &Path, mut machine: Self) -> Result<Self> {
         let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
-        if machine.head.r_mm.is_nan() {
+        if machine.head.r_mm == unsaid() {
             // A head that does not turn, or whose axes' lines are given, needs no R.
             let in_head = machine.kinematics.order.split('b').nth(1).unwrap_or("");
             let turns = |name: char| {

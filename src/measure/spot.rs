@@ -41,12 +41,9 @@ const LARGEST: f64 = 0.36;
 pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) -> Vec<Candidate> {
     let ring = outer.circle;
     let most_radius_px = MOST * ring.radius;
-    // The inner edge of a wide annulus is as large as a large spot, but it shares the ring's centre and ends what the ring began.
     let is_rings_own = |c: &Candidate| {
-        let apart_px = (c.circle.center - ring.center).norm();
-        c.step * outer.step < 0.0
-            && c.circle.radius > OWN.0 * ring.radius
-            && apart_px < OWN.1 * ring.radius + c.scatter_px + outer.scatter_px
+        let slack_px = c.scatter_px + outer.scatter_px;
+        c.step * outer.step < 0.0 && may_end(&c.circle, &ring, slack_px)
     };
     // A faint spot is not seen beside a ring whose every edge asks for circles.
     let known: Vec<Candidate> = edges
@@ -100,6 +97,13 @@ pub(super) fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candida
 /// How far a small circle lies inside a large one, where their outlines are nearest, clear of an edge as soft as `softness_px`.
 pub(super) fn clear_px(large: &Circle, small: &Circle, softness_px: f64) -> f64 {
     large.radius - (large.center - small.center).norm() - small.radius - CLEAR * softness_px
+}
+
+/// Whether a circle of the other sense may be the inner edge of the ring's own annulus: as large as a large spot, but it shares the ring's
+/// centre.
+fn may_end(inner: &Circle, ring: &Circle, slack: f64) -> bool {
+    inner.radius > OWN.0 * ring.radius
+        && (inner.center - ring.center).norm() < OWN.1 * ring.radius + slack
 }
 
 /// Whether two circles' outlines meet, or come as close as `reach_px`.
@@ -178,7 +182,7 @@ impl Inside<'_> {
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
         let is_rings_own =
-            found.contrast * self.ring.contrast < 0.0 && size > OWN.0 && apart < OWN.1;
+            found.contrast * self.ring.contrast < 0.0 && may_end(&found.circle, &ring, 0.0);
         // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it unsure.
         let is_part = found.arc_coverage < PARTLY && found.form_from_texture_mm == 0.0;
         let limits = if is_part { &PART } else { &SPOT };
