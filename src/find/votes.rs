@@ -33,14 +33,23 @@ pub(super) fn centers(look: &Look, options: Options, known: &[Candidate]) -> Vec
     for (scale, image) in &look.scales {
         let side = if *scale < SOFT { CELL } else { SOFT_CELL };
         let cell = side as f32;
-        let (aw, ah) = ((w + 2 * pad) / side + 1, (h + 2 * pad) / side + 1);
+        let whole = [(w + 2 * pad) / side + 1, (h + 2 * pad) / side + 1];
+        let cells = 1.0 / side as f64;
+        // Lines meet less sharply for soft edges.
+        let (meet, about) = ((1.0 + 0.5 * scale) * cells, (6.0 + 3.0 * scale) * cells);
         // Neighbouring gradients of a blurred picture say the same.
         let stride = (0.6 * scale).round().max(1.0) as usize;
         let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
         let mut gradients = gradients(image, stride, place);
-        gradients.retain(|g| !known.iter().any(|c| g.is_of(c, look, *scale)));
+        let known: Vec<Edge> = known.iter().map(|c| Edge::new(c, look, *scale)).collect();
+        gradients.retain(|g| !known.iter().any(|edge| edge.has(g)));
         let least = threshold(&gradients, look.noise / scale.powi(2));
-        let mut votes = Gray { width: aw, height: ah, data: vec![0.0f32; aw * ah] };
+        // Where no line leads there is no peak: what votes may reach, and what is needed about it.
+        let reached = place.map(|(p, r)| {
+            let reach = (r + far) * cells + 3.0 * meet + 3.0f64.sqrt() * about + 4.0;
+            ((p + Vector2::repeat(pad as f64 + 0.5)) * cells, reach)
+        });
+        let mut votes = Votes::new(whole, reached);
         let strong: Vec<&Gradient> = gradients.iter().filter(|g| g.size >= least).collect();
         for g in strong.iter().step_by(strong.len().div_ceil(VOTERS).max(1)) {
             // Strong edges count more, but not by their full strength: a lamp is no better circle than a burn.
@@ -53,18 +62,16 @@ pub(super) fn centers(look: &Look, options: Options, known: &[Candidate]) -> Vec
                 let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
                 // A line's votes spread with distance: what meets at a far centre counts as much as near.
                 let steps = ((far - near) as f32 / cell) as usize + 1;
-                vote(&mut votes, Vector2::new(x, y), Vector2::new(sx, sy), steps, weight);
+                votes.add(Vector2::new(x, y), Vector2::new(sx, sy), steps, weight);
             }
         }
-        // Lines meet less sharply for soft edges.
-        let cells = 1.0 / side as f64;
-        let sharp = blur(&votes, (1.0 + 0.5 * scale) * cells);
-        let peaked = above_surroundings(&sharp, (6.0 + 3.0 * scale) * cells);
+        let peaked = above_surroundings(&blur(&votes.cells, meet), about);
+        let corner = votes.corner.map(|c| c as f64);
         let middle = Vector2::repeat(pad as f64 + 0.5);
         found.extend(
             peaks(&peaked, options.centers, 5.0 * cells)
                 .into_iter()
-                .map(|(v, p)| (v, (p + Vector2::repeat(0.5)) * side as f64 - middle)),
+                .map(|(v, p)| (v, (p + corner + Vector2::repeat(0.5)) * side as f64 - middle)),
         );
     }
     if let Some((place, reach)) = options.near {
@@ -107,12 +114,30 @@ fn above_surroundings(votes: &Gray<f32>, sd: f64) -> Gray<f32> {
     for y in 0..h {
         let (top, low) = (y.saturating_sub(half), (y + half + 1).min(h));
         let (above, below) = (&sums[top * (w + 1)..], &sums[low * (w + 1)..]);
-        for x in 0..w {
+        let row = votes.row(y);
+        let over = |mean: f32, v: f32| (v - mean) / (mean + 1.0).sqrt();
+        let beside = |x: usize| {
             let (left, right) = (x.saturating_sub(half), (x + half + 1).min(w));
             let sum = below[right] - below[left] - above[right] + above[left];
-            let mean = sum as f32 / ((low - top) * (right - left)) as f32;
-            data.push((votes.data[y * w + x] - mean) / (mean + 1.0).sqrt());
+            over(sum as f32 / ((low - top) * (right - left)) as f32, row[x])
+        };
+        // Clear of both ends all are alike.
+        let (first, last) = (half.min(w), w.saturating_sub(half).max(half.min(w)));
+        data.extend((0..first).map(beside));
+        let count = ((low - top) * (2 * half + 1)) as f32;
+        let (wide, inner) = (2 * half + 1, last - first);
+        if inner > 0 {
+            let (b, a) = (&below[..inner + wide], &above[..inner + wide]);
+            let lefts = b[..inner].iter().zip(&a[..inner]);
+            let rights = b[wide..].iter().zip(&a[wide..]);
+            data.extend(lefts.zip(rights).zip(&row[first..last]).map(
+                |(((below_left, above_left), (below_right, above_right)), v)| {
+                    let sum = below_right - below_left - above_right + above_left;
+                    over(sum as f32 / count, *v)
+                },
+            ));
         }
+        data.extend((last..w).map(beside));
     }
     Gray { width: w, height: h, data }
 }
@@ -125,15 +150,59 @@ pub(crate) fn vote(
     steps: usize,
     weight: f32,
 ) {
-    let (width, height) = (votes.width as f32, votes.height as f32);
-    let inside = within(start.x, along.x, width).min(within(start.y, along.y, height));
+    let whole = [votes.width, votes.height];
+    add(votes, whole, Vector2::zeros(), (start, along), steps, weight);
+}
+
+/// Cells of a part of the frame.
+struct Votes {
+    cells: Gray<f32>,
+    /// Columns and rows of the whole frame, and those before the part's.
+    whole: [usize; 2],
+    corner: Vector2<usize>,
+}
+
+impl Votes {
+    /// Of the whole frame, or of what lies within a distance of a place, each way.
+    fn new(whole: [usize; 2], within: Option<(Vector2<f64>, f64)>) -> Self {
+        let span = |i: usize| match within {
+            Some((p, r)) => {
+                let limit = |v: f64| v.clamp(0.0, whole[i] as f64) as usize;
+                let first = limit(p[i] - r).min(whole[i].saturating_sub(3));
+                first..limit(p[i] + r + 1.0).max(first + 3).min(whole[i])
+            }
+            None => 0..whole[i],
+        };
+        let (columns, rows) = (span(0), span(1));
+        let (width, height) = (columns.len(), rows.len());
+        let cells = Gray { width, height, data: vec![0.0f32; width * height] };
+        Self { cells, whole, corner: Vector2::new(columns.start, rows.start) }
+    }
+
+    /// See [`vote`]; places in the whole frame's cells.
+    fn add(&mut self, start: Vector2<f32>, along: Vector2<f32>, steps: usize, weight: f32) {
+        add(&mut self.cells, self.whole, self.corner, (start, along), steps, weight);
+    }
+}
+
+fn add(
+    cells: &mut Gray<f32>,
+    whole: [usize; 2],
+    corner: Vector2<usize>,
+    (start, along): (Vector2<f32>, Vector2<f32>),
+    steps: usize,
+    weight: f32,
+) {
+    let inside =
+        within(start.x, along.x, whole[0] as f32).min(within(start.y, along.y, whole[1] as f32));
     // In whole numbers of a part of a cell: a line's cells are found by adding.
-    let whole = |place: Vector2<f32>| (fixed(f64::from(place.x)), fixed(f64::from(place.y)));
-    let ((mut u, mut v), (along_u, along_v)) = (whole(start), whole(along));
+    let fixed = |place: Vector2<f32>| (fixed(f64::from(place.x)), fixed(f64::from(place.y)));
+    let ((u, v), (along_u, along_v)) = (fixed(start), fixed(along));
+    let (mut u, mut v) = (u - ((corner.x as i32) << FRACTION), v - ((corner.y as i32) << FRACTION));
     for _ in 0..steps.min(inside) {
-        let at = (v >> FRACTION) * votes.width as i32 + (u >> FRACTION);
+        let at = (v >> FRACTION) * cells.width as i32 + (u >> FRACTION);
         // Rounding may lead a line's end over the border.
-        if let Some(cell) = votes.data.get_mut(at as usize) {
+        if let Some(cell) = cells.data.get_mut(at as usize) {
             *cell += weight;
         }
         u += along_u;
@@ -159,16 +228,32 @@ struct Gradient {
     size: f32,
 }
 
-impl Gradient {
-    /// Whether it is one of a known edge's, seen through a blur.
-    fn is_of(&self, c: &Candidate, look: &Look, blur: f64) -> bool {
+/// A known edge in reduced pixels, seen through a blur.
+struct Edge {
+    center: Vector2<f64>,
+    radius: f64,
+    sense: f64,
+    width: f64,
+}
+
+impl Edge {
+    fn new(c: &Candidate, look: &Look, blur: f64) -> Self {
         let k = look.factor as f64;
-        let from = Vector2::new(self.x as f64, self.y as f64) - look.reduced(c.circle.center);
+        Self {
+            center: look.reduced(c.circle.center),
+            radius: c.circle.radius / k,
+            sense: c.step.signum(),
+            width: BESIDE * (c.softness_px / k).hypot(blur) + c.scatter_px / k,
+        }
+    }
+
+    /// Whether a gradient is one of its own.
+    fn has(&self, g: &Gradient) -> bool {
+        let from = Vector2::new(g.x as f64, g.y as f64) - self.center;
         let apart = from.norm();
-        let along = from.x * f64::from(self.dx) + from.y * f64::from(self.dy);
-        let width = BESIDE * (c.softness_px / k).hypot(blur) + c.scatter_px / k;
-        (apart - c.circle.radius / k).abs() < width
-            && along * c.step.signum() > ALONG * apart * f64::from(self.size)
+        let along = from.x * f64::from(g.dx) + from.y * f64::from(g.dy);
+        (apart - self.radius).abs() < self.width
+            && along * self.sense > ALONG * apart * f64::from(g.size)
     }
 }
 
@@ -198,12 +283,13 @@ fn gradients(
 
 /// The size that the strongest share reaches, but no less than clear of the noise.
 fn threshold(gradients: &[Gradient], noise: f64) -> f32 {
-    let mut sizes: Vec<f32> = gradients.iter().map(|g| g.size).collect();
+    // Numbers of one sign are ordered as their bits are, which compare faster.
+    let mut sizes: Vec<u32> = gradients.iter().map(|g| g.size.to_bits()).collect();
     if sizes.is_empty() {
         return f32::INFINITY;
     }
     let at = ((sizes.len() as f64 * (1.0 - STRONGEST)) as usize).min(sizes.len() - 1);
-    let strong = *sizes.select_nth_unstable_by(at, f32::total_cmp).1;
+    let strong = f32::from_bits(*sizes.select_nth_unstable(at).1);
     strong.max(1.5 * noise as f32).max(1e-6)
 }
 
@@ -211,18 +297,18 @@ fn threshold(gradients: &[Gradient], noise: f64) -> f32 {
 fn peaks(image: &Gray<f32>, count: usize, apart: f64) -> Vec<(f32, Vector2<f64>)> {
     let mut list = Vec::new();
     let w = image.width;
+    let mut highest = vec![false; w - 2];
     for y in 1..image.height - 1 {
-        for x in 1..w - 1 {
-            let at = y * w + x;
-            let v = image.data[at];
-            if v > 0.0
-                && v >= image.data[at - 1]
-                && v > image.data[at + 1]
-                && v >= image.data[at - w]
-                && v > image.data[at + w]
-            {
-                list.push((v, Vector2::new(x as f64, y as f64)));
-            }
+        let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
+        let (before, after) = (&row[..w - 2], &row[2..]);
+        let (above, row, below) = (&above[1..w - 1], &row[1..w - 1], &below[1..w - 1]);
+        for (x, highest) in highest.iter_mut().enumerate() {
+            let v = row[x];
+            *highest =
+                (v > 0.0) & (v >= before[x]) & (v > after[x]) & (v >= above[x]) & (v > below[x]);
+        }
+        for (x, _) in highest.iter().enumerate().filter(|(_, highest)| **highest) {
+            list.push((row[x], Vector2::new((x + 1) as f64, y as f64)));
         }
     }
     list.sort_by(|a, b| b.0.total_cmp(&a.0));
