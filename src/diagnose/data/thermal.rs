@@ -27,7 +27,12 @@ enum Cold {
     First,
     /// The reference temperature of length, 20 °C.
     Reference,
+    /// None of these: found with the other coefficients, as an offset from the coldest reading.
+    Free,
 }
+
+/// How much less likely than a named effect it is beforehand that T₀ is none of the usual ones, twice in nats.
+const FREE_BEFOREHAND: f64 = 6.0;
 
 impl Baseline {
     /// The likeliest by the Bayesian information criterion, with or without any one effect, which would else be made up for by another
@@ -43,7 +48,8 @@ impl Baseline {
                 (baseline.criterion(&data, &effects, &y), baseline)
             })
         };
-        let all = [Cold::Coldest, Cold::First, Cold::Reference].into_iter().flat_map(of_cold);
+        let all =
+            [Cold::Coldest, Cold::First, Cold::Reference, Cold::Free].into_iter().flat_map(of_cold);
         all.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Self::default, |(_, baseline)| baseline)
     }
 
@@ -55,15 +61,21 @@ impl Baseline {
         y: &DVector<f64>,
     ) -> f64 {
         let rows = y.len() as f64;
-        let basis = orthonormal(&self.columns(data), 1e-9);
+        let mut columns = self.columns(data);
+        if matches!(self.cold, Cold::Free) {
+            columns = with_free_t0(data, columns, y);
+        }
+        let basis = orthonormal(&columns, 1e-9);
         let beside = y - &basis * basis.tr_mul(y);
         // Another T₀ than the usual one is a choice like a coefficient more.
         let chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
+        let choice = 2.0 * (effects.len().max(1) as f64).ln();
+        let free = if matches!(self.cold, Cold::Free) { choice + FREE_BEFOREHAND } else { 0.0 };
         let of = |left: f64, coefficients: usize| {
             rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
                 + coefficients as f64 * rows.ln()
+                + free
         };
-        let choice = 2.0 * (effects.len().max(1) as f64).ln();
         let with_one = effects.iter().map(|(effect, shapes)| {
             let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
             let left = (&beside - &own * own.tr_mul(&beside)).norm_squared();
@@ -75,7 +87,7 @@ impl Baseline {
     /// T₀ of each axis.
     fn t0_c(&self, data: &Columns) -> Vec<f64> {
         match self.cold {
-            Cold::Coldest => data.coldest.clone(),
+            Cold::Coldest | Cold::Free => data.coldest.clone(),
             Cold::First => data.first_of_axes("screw_c"),
             Cold::Reference => vec![20.0; data.series_names.len()],
         }
@@ -87,22 +99,36 @@ impl Baseline {
         let screw = data.get("screw_c").iter().zip(&data.series);
         let warm: Column = screw.map(|(c, axis)| c - t0[*axis]).collect();
         let along = times(&warm, &metres(data));
-        let on = |axis: usize, column: &[f64]| -> Column {
-            let rows = column.iter().zip(&data.series);
-            rows.map(|(v, s)| if *s == axis { *v } else { 0.0 }).collect()
-        };
-        let mut list: Vec<Column> = Vec::new();
-        for axis in 0..data.series_names.len() {
-            list.extend([on(axis, &along), on(axis, &warm)]);
-            if self.own_heads {
-                list.extend(data.head_c.iter().map(|head| on(axis, head)));
-            }
-        }
-        if !self.own_heads {
+        let axes = 0..data.series_names.len();
+        let mut list: Vec<Column> =
+            axes.clone().flat_map(|axis| [on(data, axis, &along), on(data, axis, &warm)]).collect();
+        if self.own_heads {
+            list.extend(axes.flat_map(|axis| data.head_c.iter().map(move |h| on(data, axis, h))));
+        } else {
             list.extend(data.head_c.iter().cloned());
         }
         DMatrix::from_fn(data.series.len(), list.len(), |r, c| list[c][r])
     }
+}
+
+/// A column where a row is of this axis, and zero elsewhere.
+fn on(data: &Columns, axis: usize, column: &[f64]) -> Column {
+    let rows = column.iter().zip(&data.series);
+    rows.map(|(v, s)| if *s == axis { *v } else { 0.0 }).collect()
+}
+
+/// The baseline's columns (slope and zero of each axis first) with those of each axis' T₀: what a degree makes of the errors,
+/// with slope and zero as they are without it.
+fn with_free_t0(data: &Columns, columns: DMatrix<f64>, y: &DVector<f64>) -> DMatrix<f64> {
+    let Ok(found) = columns.clone().svd(true, true).solve(y, 1e-9) else { return columns };
+    let metres = metres(data);
+    let more = (0..data.series_names.len()).map(|axis| {
+        let of_a_degree = |m: &f64| m * found[2 * axis] + found[2 * axis + 1];
+        on(data, axis, &metres.iter().map(of_a_degree).collect::<Column>())
+    });
+    let all = columns.column_iter().map(|c| c.iter().copied().collect()).chain(more);
+    let all: Vec<Column> = all.collect();
+    DMatrix::from_fn(y.len(), all.len(), |r, c| all[c][r])
 }
 
 /// Columns of every testable form of the library, and how many numbers of its shape are chosen.
@@ -130,7 +156,7 @@ fn single_effects(data: &Columns) -> Vec<(DMatrix<f64>, usize)> {
     list
 }
 
-/// Coefficients of the baseline: of the head's sensors, then slope and zero of each axis' screw.
+/// Coefficients of the baseline: of the head's sensors, then slope, zero and (where it is free) T₀ of each axis' screw.
 fn nuisances(data: &Columns) -> Vec<Parameter> {
     let heads = |axis: &str| {
         (1..=data.head_c.len())
@@ -145,6 +171,9 @@ fn nuisances(data: &Columns) -> Vec<Parameter> {
     for name in names {
         list.push(Parameter::linear(format!("{name}_slope_per_c"), 1e-6));
         list.push(Parameter::linear(format!("{name}_zero_mm_per_c"), 1e-3));
+        if matches!(data.thermal.cold, Cold::Free) {
+            list.push(Parameter::linear(format!("{name}_t0_above_coldest_c"), 1.0));
+        }
     }
     list
 }
@@ -156,8 +185,10 @@ pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64
     let sets = if own_heads { data.series_names.len() } else { 1 };
     let heads = &nuisances[if own_heads { sensors * axis } else { 0 }..];
     let head: f64 = data.head_c.iter().zip(heads).map(|(c, a)| c[row] * a).sum();
-    let own = &nuisances[sensors * sets + 2 * axis..];
-    let warm = data.get("screw_c")[row] - data.t0_c[axis];
+    let free = matches!(data.thermal.cold, Cold::Free);
+    let coefficients = if free { 3 } else { 2 };
+    let own = &nuisances[sensors * sets + coefficients * axis..];
+    let warm = data.get("screw_c")[row] - data.t0_c[axis] - if free { own[2] } else { 0.0 };
     let screw = warm * (own[0] * data.get("position_mm")[row] + own[1]);
     [head + screw + error.x, 0.0]
 }
