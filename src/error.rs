@@ -85,16 +85,10 @@ fn missing(path: &Path) -> String {
     };
     let beside = gone.parent().unwrap_or(Path::new(""));
     let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
-    let wanted = gone.file_name().unwrap_or_default().to_string_lossy().to_lowercase();
+    let wanted = gone.file_name().unwrap_or_default().to_string_lossy();
     let names = std::fs::read_dir(folder).into_iter().flatten().take(MOST_NAMES).flatten();
-    let nearest = names
-        .map(|entry| entry.file_name().to_string_lossy().into_owned())
-        .map(|name| (edits(&wanted, &name.to_lowercase()), name))
-        .min();
-    match nearest {
-        Some((edits, name)) if edits <= 1 + wanted.chars().count() / 4 => {
-            format!("did you mean '{}'?", beside.join(name).display())
-        }
+    match nearest(&wanted, names.map(|e| e.file_name().to_string_lossy().into_owned())) {
+        Some(name) => format!("did you mean '{}'?", beside.join(name).display()),
         _ if gone != path => format!("there is no '{}'; correct the path", gone.display()),
         _ => "correct the path".into(),
     }
@@ -102,6 +96,15 @@ fn missing(path: &Path) -> String {
 
 /// Names of a folder that are looked at for a likely one.
 const MOST_NAMES: usize = 10_000;
+
+/// The name that is written nearly as the wanted one, if there is one.
+pub fn nearest(wanted: &str, names: impl IntoIterator<Item = impl Into<String>>) -> Option<String> {
+    let wanted = wanted.to_lowercase();
+    let likely = 1 + wanted.chars().count() / 4;
+    let names = names.into_iter().map(Into::into);
+    let (edits, name) = names.map(|name| (edits(&wanted, &name.to_lowercase()), name)).min()?;
+    (edits <= likely).then_some(name)
+}
 
 /// Letters to insert, delete or replace to make one word of the other (Levenshtein).
 fn edits(a: &str, b: &str) -> usize {
@@ -157,6 +160,22 @@ impl Error {
         fix: impl Into<String>,
     ) -> Self {
         Self::Option { option: option.into(), reason: reason.into(), fix: fix.into() }
+    }
+
+    /// The same of a file that says what an option says elsewhere, or that the data are from.
+    #[must_use]
+    pub fn in_file(self, path: impl AsRef<Path>, line: Option<u64>) -> Self {
+        let path = path.as_ref();
+        match self {
+            Self::Option { option, reason, fix } => {
+                let key = option.trim_start_matches("--").replace('-', "_");
+                Self::field(path, line, key, reason, fix)
+            }
+            Self::Measure { subject, reason, fix } => {
+                Self::measure(format!("{}: {subject}", path.display()), reason, fix)
+            }
+            names_a_file => names_a_file,
+        }
     }
 
     /// Something that cannot be measured in otherwise good input.

@@ -31,6 +31,7 @@ pub mod parquet;
 pub mod plot;
 pub mod regress;
 pub mod render;
+pub mod repeats;
 pub mod report;
 pub mod rotary;
 pub mod rtcp;

@@ -159,6 +159,20 @@ impl Table {
         self.index.get(name).and_then(|&i| self.rows[row].1.get(i)).unwrap_or("")
     }
 
+    /// What a row says, by column; a number is one however it is written.
+    pub fn cells(&self, row: usize) -> Vec<(&str, String)> {
+        let names = self.names.iter();
+        names
+            .map(|name| {
+                let text = self.text(row, name);
+                (
+                    name.as_str(),
+                    text.parse().map_or_else(|_| text.to_owned(), |v: f64| v.to_string()),
+                )
+            })
+            .collect()
+    }
+
     /// The cell as a finite number.
     pub fn number(&self, row: usize, name: &str) -> Result<f64> {
         let text = self.text(row, name);

@@ -25,27 +25,44 @@ pub fn read<T: DeserializeOwned>(path: impl AsRef<Path>) -> Result<T> {
 /// As [`read`], from text; `path` is only the name used in messages.
 pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<T> {
     let path = path.as_ref();
-    let fail = |e: toml::de::Error| {
-        let line =
-            e.span().map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count() as u64);
-        Error::field(path, line, "TOML", e.message().trim().replace('\n', " "), "correct the file")
+    let line_of = |span: Option<std::ops::Range<usize>>| {
+        span.map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count() as u64)
     };
-    match toml::from_str::<T>(text) {
-        Ok(value) => Ok(value),
-        // Only where extension keys may be the cause is the file read again without them.
-        Err(first) if text.contains("x_") || text.contains("x-") => {
-            let mut table: toml::Table = toml::from_str(text).map_err(fail)?;
-            strip_extensions(&mut table);
-            table.try_into().map_err(|second: toml::de::Error| {
-                if second.message() == first.message() {
-                    fail(first)
-                } else {
-                    Error::field(path, None, "TOML", second.message(), "correct the file")
-                }
-            })
-        }
-        Err(first) => Err(fail(first)),
-    }
+    let fail = |line, field: &str, reason: &str| {
+        Error::field(path, line, field, reason.trim().replace('\n', " "), "correct the file")
+    };
+    let mut table: toml::Table =
+        toml::from_str(text).map_err(|e| fail(line_of(e.span()), "TOML", e.message()))?;
+    strip_extensions(&mut table);
+    // Read from a table, an array that is too long is an error; read from the text, its surplus is dropped.
+    let error = match table.try_into::<T>() {
+        Ok(value) => return Ok(value),
+        Err(error) => error,
+    };
+    let field = field_of(&error).unwrap_or_else(|| "TOML".into());
+    let reason = match error.message().strip_suffix(", expected fewer elements in array") {
+        Some(length) => format!("{length} is more than belongs there"),
+        None => error.message().to_owned(),
+    };
+    // The text knows lines, where it meets the same error.
+    let in_text = toml::from_str::<T>(text).err().filter(|e| e.message() == error.message());
+    let line = in_text.map_or_else(|| line_with(text, &field), |e| line_of(e.span()));
+    Err(fail(line, &field, &reason))
+}
+
+/// The key at which an error lies, such as `camera.distortion`.
+fn field_of(error: &toml::de::Error) -> Option<String> {
+    let text = error.to_string();
+    let key = text.lines().last()?.strip_prefix("in `")?.strip_suffix('`')?;
+    Some(key.to_owned())
+}
+
+/// The only line that gives a key its value.
+fn line_with(text: &str, field: &str) -> Option<u64> {
+    let key = field.rsplit('.').next()?;
+    let gives = |line: &str| line.split_once('=').is_some_and(|(name, _)| name.trim() == key);
+    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| gives(line)).map(|(n, _)| n);
+    lines.next().filter(|_| lines.next().is_none())
 }
 
 fn strip_extensions(table: &mut toml::Table) {
@@ -76,5 +93,28 @@ mod tests {
         assert_eq!(parse::<Small>("f.toml", "a = 1.0\nx_who = 'me'\n").unwrap().a, 1.0);
         let message = parse::<Small>("f.toml", "a = 1.0\nbb = 2\n").unwrap_err().to_string();
         assert!(message.starts_with("f.toml:2:") && message.contains("bb"), "{message}");
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Outer {
+        inner: Inner,
+    }
+
+    #[derive(Debug, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
+    struct Inner {
+        place_mm: [f64; 2],
+    }
+
+    #[test]
+    fn an_array_must_have_the_length_that_belongs_there() {
+        let read = |text: &str| parse::<Outer>("f.toml", text);
+        assert_eq!(read("[inner]\nplace_mm = [1, 2]\n").unwrap().inner.place_mm, [1.0, 2.0]);
+        for wrong in ["[1, 2, 3]", "[1]"] {
+            let message =
+                read(&format!("\n[inner]\nplace_mm = {wrong}\n")).unwrap_err().to_string();
+            assert!(message.starts_with("f.toml:3: inner.place_mm: "), "{message}");
+        }
     }
 }

@@ -284,3 +284,53 @@ fn a_failed_run_leaves_the_old_result_as_it_was() {
     refused(dir, "solve session.toml --write-machine no/where/m.toml", &["does not exist"]);
     judge();
 }
+
+#[test]
+fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
+    let dir = workshop();
+    let dir = dir.path();
+    let session = std::fs::read(dir.join("session.toml")).unwrap();
+    std::fs::write(dir.join("one.csv"), "image,x_mm,y_mm\nburn.png,0,0\n").unwrap();
+    for (line, words) in [
+        ("solve session.toml --out session.toml", ["--out", "session.toml"]),
+        ("solve session.toml --out heat/../session.toml", ["--out", "SESSION.toml"]),
+        ("solve session.toml --write-machine ./session.toml", ["--write-machine", "another name"]),
+        ("solve session.toml --out a.toml --write-machine a.toml", ["a.toml", "another name"]),
+        ("solve session.toml --log session.toml", ["--log", "session.toml"]),
+        ("rod one.csv --calib calib.toml --points burn.png", ["--points", "one.csv"]),
+        ("rod one.csv --calib calib.toml --points calib.toml", ["--points", "--calib"]),
+    ] {
+        refused(dir, line, &words);
+    }
+    assert_eq!(std::fs::read(dir.join("session.toml")).unwrap(), session);
+    if Path::new("/dev/full").exists() {
+        refused(dir, "solve session.toml --write-machine m.toml --out /dev/full", &["/dev/full"]);
+    }
+    judge();
+}
+
+#[test]
+fn surplus_elements_of_an_array_are_named() {
+    let dir = workshop();
+    let dir = dir.path();
+    let text = std::fs::read_to_string(dir.join("calib.toml")).unwrap();
+    let line = text.lines().find(|l| l.starts_with("distortion")).unwrap();
+    let longer = text.replace(line, "distortion = [0, 0, 0, 0, 0, 0, 0, 0]");
+    std::fs::write(dir.join("long.toml"), longer).unwrap();
+    refused(dir, "burn burn.png --calib long.toml", &["long.toml:", "camera.distortion", "8"]);
+    judge();
+}
+
+#[test]
+fn rows_that_stand_twice_count_once_and_are_named() {
+    let dir = workshop();
+    let dir = dir.path();
+    let bar = std::fs::read_to_string(dir.join("bar.csv")).unwrap();
+    let again: String = bar.lines().skip(1).map(|l| format!("{l}\n")).collect();
+    std::fs::write(dir.join("twice.csv"), format!("{bar}{again}")).unwrap();
+    let once = run(dir, "ballbar decouple --data bar.csv");
+    let twice = run(dir, "ballbar decouple --data twice.csv");
+    assert_eq!(once.stdout, twice.stdout);
+    let said = String::from_utf8_lossy(&twice.stderr).into_owned();
+    assert!(said.contains("twice.csv") && said.contains("counts once"), "{said}");
+}

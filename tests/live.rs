@@ -265,7 +265,9 @@ fn a_stream_that_stalls_or_dies_is_reported_and_nothing_stored_is_lost() {
     }
     child.kill().unwrap();
     child.wait().unwrap();
-    let captures = pivotsight::measure::rod::read_captures(store.join("captures.csv")).unwrap();
+    let captures =
+        pivotsight::measure::rod::read_captures(store.join("captures.csv"), &mut Vec::new())
+            .unwrap();
     assert_eq!(captures.len(), 3);
     for c in captures {
         pivotsight::frame::Picture::read(&c.path).unwrap();

@@ -148,7 +148,7 @@ fn the_command_writes_pictures_truth_and_calibration_and_checks_its_scene() {
     for (text, words) in [
         (
             "schema = 1\nkind = 'burn'\n[ring]\nradius = 3.0\n",
-            "s.toml:4: TOML: unknown field `radius`",
+            "s.toml:4: ring: unknown field `radius`",
         ),
         (
             "schema = 1\nkind = 'burn'\n[ring]\nradius_mm = [2.0, 900.0]\n",

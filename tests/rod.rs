@@ -22,7 +22,7 @@ struct Rod {
 fn rendered() -> Rod {
     let folder = format!("{}/images/rod-typical", env!("CARGO_MANIFEST_DIR"));
     let calibration = Calibration::read(format!("{folder}/calib.toml")).unwrap();
-    let captures = rod::read_captures(format!("{folder}/rod-0001.csv")).unwrap();
+    let captures = rod::read_captures(format!("{folder}/rod-0001.csv"), &mut Vec::new()).unwrap();
     let frames = captures
         .iter()
         .map(|c| {

@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::machine::Motion;
 use crate::plot::{Figure, Panel};
+use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::{K95, k95};
 
@@ -58,8 +59,8 @@ pub struct Alignment {
 pub struct Touches {
     face: Vec<Vector3<f64>>,
     sides: [Vec<Vector3<f64>>; 2],
-    /// Touches that stand in the file a second time; they are left out.
-    twice: usize,
+    /// What a user should know of the file.
+    warnings: Vec<String>,
 }
 
 impl Touches {
@@ -71,7 +72,7 @@ impl Touches {
     /// As [`Touches::read`], from a table.
     pub fn from_table(table: &Table) -> Result<Self> {
         let mut touches = Self::default();
-        for row in 0..table.rows() {
+        for row in repeats::rows_once(table, &mut touches.warnings) {
             let p = Vector3::new(
                 table.number(row, "x_mm")?,
                 table.number(row, "y_mm")?,
@@ -86,12 +87,7 @@ impl Touches {
                     return Err(table.error(row, "kind", reason, "write face, side_x or side_y"));
                 }
             };
-            // Two touches never agree in every digit: it is one, written twice.
-            if list.contains(&p) {
-                touches.twice += 1;
-            } else {
-                list.push(p);
-            }
+            list.push(p);
         }
         if touches.face.len() < 3 {
             let reason = format!("has {} face points", touches.face.len());
@@ -189,12 +185,7 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
             "give the standard uncertainty of a touch in mm",
         ));
     }
-    if touches.twice > 0 {
-        warnings.push(format!(
-            "{} touches stand twice, equal in every digit: each counts once",
-            touches.twice
-        ));
-    }
+    warnings.extend(touches.warnings.iter().cloned());
     let (best, left) = solve(touches, options)?;
     let dof = touches.face.len() as f64 - 3.0;
     let (u, k) = match options.touch_u_mm {

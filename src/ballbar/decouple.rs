@@ -10,6 +10,7 @@ use super::report::{Combination, Report, Term, Value};
 use super::swarm;
 use crate::error::{Error, Result};
 use crate::fit::{least_squares, serial};
+use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::{K95, k95};
 
@@ -39,6 +40,8 @@ pub struct Data {
     points: Vec<Point>,
     lengths_mm: Vec<f64>,
     paths: Vec<(String, Path)>,
+    /// What a user should know of the file.
+    warnings: Vec<String>,
 }
 
 impl Data {
@@ -62,7 +65,9 @@ impl Data {
         )?;
         let (mut paths, mut points) = (Vec::<(String, Path)>::new(), Vec::new());
         let shifts = table.optional_column("cup_y_mm")?;
-        for row in 0..table.rows() {
+        let mut warnings = Vec::new();
+        let rows = repeats::rows_once(&table, &mut warnings);
+        for &row in &rows {
             let name = table.text(row, "path");
             let key = match &shifts {
                 Some(y) => format!("{name} {}", y[row]),
@@ -75,7 +80,8 @@ impl Data {
                     let mut path = match (given, name, &shifts) {
                         (Some(path), ..) => path,
                         (None, "", _) => Path::SOURCE,
-                        (None, _, None) => Path::parse(name)?,
+                        (None, _, None) => Path::parse(name)
+                            .map_err(|e| e.in_file(table.path(), Some(table.line(row))))?,
                         (None, ..) => Path::parse(name).unwrap_or(Path::SOURCE),
                     };
                     if let Some(y) = &shifts {
@@ -109,7 +115,8 @@ impl Data {
             };
             points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm });
         }
-        let lengths_mm = table.column("length_mm")?;
+        let lengths_mm =
+            rows.iter().map(|&row| table.number(row, "length_mm")).collect::<Result<Vec<_>>>()?;
         let bar = Bar::new(&options.setup)?;
         let gap = |points: &[Point]| -> Result<f64> {
             let nominal = bar.known(points, &[0.0; 6])?;
@@ -131,7 +138,7 @@ impl Data {
                 "length_mm is the whole length of the bar; check --bar-mm, --pivot-mm, --below-mm and the path names",
             ));
         }
-        Ok(Self { points, lengths_mm, paths })
+        Ok(Self { points, lengths_mm, paths, warnings })
     }
 }
 
@@ -326,7 +333,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
         qr.r().solve_upper_triangular(&w).map_or_else(Vec::new, |z| z.as_slice().to_vec())
     };
     let swarm_errors = if found.len() == rank { errors_of(&found) } else { [f64::NAN; 6] };
-    let mut warnings = Vec::new();
+    let mut warnings = data.warnings.clone();
     if !options.unknown_cup || !options.unknown_bar {
         warnings.push(
             "the base cup's position and the bar's length are taken as exact where --unknown-cup and --unknown-bar do not say \

@@ -180,8 +180,10 @@ impl Prepared<'_> {
                 serde_json::to_value(measured.report)
             }
             Method::Rod(options) => {
-                let captures = rod::read_captures(&item.path)?;
-                let measured = rod::measure(&captures, calibration, options)?;
+                let mut warnings = Vec::new();
+                let captures = rod::read_captures(&item.path, &mut warnings)?;
+                let mut measured = rod::measure(&captures, calibration, options)?;
+                measured.report.warnings.splice(..0, warnings);
                 if wanted {
                     let channel = options.channel;
                     let drawn = draw::rod_captures(&captures, calibration, &measured, channel)?;

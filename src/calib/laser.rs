@@ -14,6 +14,7 @@ use crate::camera::{Calibration, Laser};
 use crate::error::{Error, Result};
 use crate::frame::Picture;
 use crate::measure::circles;
+use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::k95;
 
@@ -75,23 +76,25 @@ pub fn machine_mm(
     position_mm + plane_mm - laser.map_or_else(Vector2::zeros, |l| l.offset_mm.into())
 }
 
-/// Reads `BURNS.csv`: `image,burn_x_mm,burn_y_mm,x_mm,y_mm`.
-pub fn read(path: impl AsRef<Path>) -> Result<Vec<Shot>> {
+/// Reads `BURNS.csv`: `image,burn_x_mm,burn_y_mm,x_mm,y_mm`. A picture that stands twice is left out once, with a warning.
+pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Shot>> {
     let path = path.as_ref();
     let table = Table::read(path, &["image", "burn_x_mm", "burn_y_mm", "x_mm", "y_mm"], &[])?;
     let folder = path.parent().unwrap_or(Path::new(""));
-    (0..table.rows())
+    let names = (0..table.rows()).map(|row| (row, table.text(row, "image")));
+    if let Some((row, _)) = names.clone().find(|(_, name)| name.is_empty()) {
+        return Err(table.error(row, "image", "is empty", "name the burn's picture"));
+    }
+    let paths: Vec<PathBuf> = names.map(|(_, name)| folder.join(name)).collect();
+    repeats::pictures_once(&table, &paths, warnings)?
+        .into_iter()
         .map(|row| {
-            let image = table.text(row, "image").to_owned();
-            if image.is_empty() {
-                return Err(table.error(row, "image", "is empty", "name the burn's picture"));
-            }
             let pair = |x: &str, y: &str| -> Result<Vector2<f64>> {
                 Ok(Vector2::new(table.number(row, x)?, table.number(row, y)?))
             };
             Ok(Shot {
-                path: folder.join(&image),
-                image,
+                path: paths[row].clone(),
+                image: table.text(row, "image").to_owned(),
                 burnt_mm: pair("burn_x_mm", "burn_y_mm")?,
                 position_mm: pair("x_mm", "y_mm")?,
             })

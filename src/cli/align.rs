@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::json;
 
+use super::outfiles::OutFile;
 use super::{Global, Outcome, Status, result};
 use crate::align::apply::{self, Form};
 use crate::align::{self, Alignment, fit};
@@ -60,7 +61,7 @@ struct ApplyArgs {
     /// CL data (.cl .csv .txt), APT (.apt .cls) or NC code (.nc .ngc .mpf ...)
     input: PathBuf,
     /// Where the moved program goes; its name tells its form
-    output: PathBuf,
+    output: OutFile,
     /// Form of the input, where its name does not tell
     #[arg(long, value_enum)]
     from: Option<Form>,
@@ -116,8 +117,7 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
     let alignment = align::fit(&touches, &options, &mut warnings)?;
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
-        global
-            .say(format!("wrote {}", alignment.figure(&touches).write(folder, "align")?.display()));
+        global.write_into(folder, "align.svg", alignment.figure(&touches).to_svg().as_bytes())?;
     }
     let json = result("align", points, &warnings, &alignment);
     Ok(Outcome::good(Document::single(json, alignment.text())))

@@ -7,11 +7,12 @@ use rand_distr::{Distribution, Normal};
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use super::outfiles::OutFile;
 use super::{Global, Outcome, result, rows};
 use crate::ballbar::model::{Bar, Point};
 use crate::ballbar::{ERRORS, Path, Setup, decouple, path, swarm};
 use crate::error::{Error, Result};
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 
 /// Ball bar with B and a linear axis moving together
 #[derive(Debug, clap::Args)]
@@ -71,7 +72,7 @@ struct PlanArgs {
     range: RangeArgs,
     /// Write G-code, there and back, to FILE
     #[arg(long, value_name = "FILE")]
-    gcode: Option<PathBuf>,
+    gcode: Option<OutFile>,
     /// Speed of the tool ball
     #[arg(long, value_name = "MM/MIN", default_value_t = 500.0)]
     feed_mm_min: f64,
@@ -199,8 +200,8 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
                 "give lengths in mm",
             ));
         }
-        write_whole(file, path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero).as_bytes())?;
-        global.say(format!("wrote {}", file.display()));
+        let code = path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero);
+        global.write(file, code.as_bytes())?;
     }
     let list: Vec<Row> = poses.iter().map(|p| Row::new(&path, p, path.bar_mm(&setup))).collect();
     let (first, last) = (&poses[0], &poses[poses.len() - 1]);
@@ -303,7 +304,7 @@ fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
     let report = decouple::decouple(&decouple::Data::read(&args.data, &options)?, &options)?;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
-        global.say(format!("wrote {}", report.figure().write(folder, "ballbar")?.display()));
+        global.write_into(folder, "ballbar.svg", report.figure().to_svg().as_bytes())?;
     }
     let json = result("ballbar-decouple", &args.data, &report.warnings, &report);
     Ok(Outcome::good(Document::single(json, report.text())))

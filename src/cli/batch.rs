@@ -97,7 +97,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let options = Options {
         input: args.input.clone(),
-        out,
+        out: out.to_path_buf(),
         threads: args.threads,
         resume: args.resume,
         retry_failed: args.retry_failed,

@@ -1,6 +1,5 @@
 //! `pivotsight burn`: is the spot concentric with the ring, and what has to be turned?
 
-use std::collections::HashMap;
 use std::fmt::Write;
 use std::path::PathBuf;
 
@@ -13,12 +12,12 @@ use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
-use crate::hash;
 use crate::measure::CircleReport;
 use crate::measure::burn::{self, Options, Report, ToleranceKind};
 use crate::measure::cross;
 use crate::measure::offset::{self, Offset};
 use crate::output::Format;
+use crate::repeats;
 use crate::uncertainty::{Verdict, text};
 
 /// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
@@ -141,22 +140,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 
 /// Tests that are one picture twice are no two tests: their mean would seem surer than it is.
 fn each_once(images: &[PathBuf]) -> Result<()> {
-    let mut seen: HashMap<String, &PathBuf> = HashMap::new();
-    for image in images {
-        // What cannot be read is said with its picture; a pipe would be waited for.
-        let Some(sum) = Some(image).filter(|i| i.is_file()).and_then(|i| hash::of_file(i).ok())
-        else {
-            continue;
-        };
-        if let Some(first) = seen.insert(sum, image) {
-            return Err(Error::option(
-                "--mean",
-                format!("'{}' and '{}' are one picture", first.display(), image.display()),
-                "give each test once",
-            ));
-        }
+    // What cannot be read is said with its picture.
+    let firsts = repeats::firsts(images.iter().map(|i| repeats::content(i)));
+    match images.iter().zip(firsts).find_map(|(image, first)| Some((image, first?))) {
+        None => Ok(()),
+        Some((image, first)) => Err(Error::option(
+            "--mean",
+            format!("'{}' and '{}' are one picture", images[first].display(), image.display()),
+            "give each test once",
+        )),
     }
-    Ok(())
 }
 
 /// Adds the mean of the tests that were measured; its verdict is the command's.

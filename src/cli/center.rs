@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use serde_json::json;
 
+use super::outfiles::OutFile;
 use super::pictures::keys;
 use super::{Global, Outcome, Status, envelope};
 use crate::camera::Calibration;
@@ -40,7 +41,7 @@ pub struct Args {
     timeout_s: f64,
     /// Write a picture of what is seen to FILE.png, once a second and at the end
     #[arg(long, value_name = "FILE")]
-    overlay: Option<PathBuf>,
+    overlay: Option<OutFile>,
     /// Store the last picture in DIR with the machine position given by --at
     #[arg(long, value_name = "DIR", requires = "at")]
     store: Option<PathBuf>,

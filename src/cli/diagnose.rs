@@ -5,13 +5,14 @@ use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 
+use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result};
 use crate::diagnose::load::{Kind, Source};
 use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
 use crate::diagnose::{model, page, plan};
 use crate::error::{Error, Result};
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
 #[derive(Debug, ClapArgs)]
@@ -36,7 +37,7 @@ pub struct Args {
     noise_mm: Option<f64>,
     /// Write the machine file with the named effects added, and as formulas the shapes without a name
     #[arg(long, value_name = "FILE")]
-    write_model: Option<PathBuf>,
+    write_model: Option<OutFile>,
     /// Write a page with plots before and after into this folder
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
@@ -99,12 +100,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     if let Some(path) = &args.write_model {
         let machine = model::with_effects(&source.machine()?, &report);
-        write_whole(path, machine.to_toml().as_bytes())?;
+        global.write(path, machine.to_toml().as_bytes())?;
         warnings.extend(model::left_out(&report));
     }
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(folder) = &args.report {
-        page::write(folder, experiment.as_ref(), &report)?;
+        let page = page::html(experiment.as_ref(), &report);
+        global.write_into(folder, "index.html", page.as_bytes())?;
     }
     let json = result("diagnose", input, &warnings, &report);
     Ok(Outcome::good(Document::single(json, table(&report))))

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::cli::{Global, Outcome, result, rows};
 use crate::error::Result;
 use crate::machine::Machine;
-use crate::output::{Document, create_folder, write_whole};
+use crate::output::Document;
 use crate::rtcp::export::{Confidence, Control, Parameter, differences, export};
 
 /// Writes the machine's numbers the way a control wants them
@@ -74,9 +74,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(dir) = &args.dir {
-        create_folder(dir)?;
         for (name, text) in &made.files {
-            write_whole(dir.join(name), text.as_bytes())?;
+            global.write_into(dir, name, text.as_bytes())?;
         }
     }
 

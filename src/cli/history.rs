@@ -58,7 +58,7 @@ pub struct Output {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let path = global.records.as_ref().ok_or_else(|| {
+    let path = global.records.as_deref().ok_or_else(|| {
         Error::option(
             "--records",
             "is missing",
@@ -96,8 +96,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let drifts: Vec<_> = series.iter().flat_map(drift::Series::drift).collect();
     let warnings: Vec<String> = drifts.iter().map(|d| format!("drift: {}", d.text)).collect();
     if let Some(folder) = &args.plot {
-        let path = drift::figure(&series).write(folder, "history")?;
-        global.say(format!("wrote {}", path.display()));
+        global.write_into(folder, "history.svg", drift::figure(&series).to_svg().as_bytes())?;
     }
     let output = Output { drift: drifts, records };
     let json = result("history", path, &warnings, &output);

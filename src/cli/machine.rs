@@ -6,10 +6,11 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result};
 use crate::error::{Error, Result};
 use crate::machine::{Effect, Kinematics, Machine, Side, frames_svg};
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 
 /// Checks a machine file and shows its axes from the work to the tool
 #[derive(Debug, clap::Args)]
@@ -19,7 +20,7 @@ pub struct Args {
     machine: PathBuf,
     /// Draw the frames and vectors of a head B / table C machine as SVG
     #[arg(long, value_name = "SVG")]
-    figure: Option<PathBuf>,
+    figure: Option<OutFile>,
 }
 
 /// What is printed.
@@ -55,7 +56,7 @@ struct Axis {
 }
 
 /// Runs the command.
-pub fn run(args: &Args, _global: &Global) -> Result<Outcome> {
+pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     let chain = machine.chain()?;
     if let Some(path) = &args.figure {
@@ -63,7 +64,7 @@ pub fn run(args: &Args, _global: &Global) -> Result<Outcome> {
             let fix = "leave --figure out";
             return Err(Error::option("--figure", "draws head B / table C machines only", fix));
         }
-        write_whole(path, frames_svg(&machine).as_bytes())?;
+        global.write(path, frames_svg(&machine).as_bytes())?;
     }
     let mut table = format!("{} ({})\n", machine.name, machine.kinematics.order);
     let mut axes = Vec::new();

@@ -14,6 +14,7 @@ mod diagnose;
 mod export;
 mod history;
 mod machine;
+mod outfiles;
 mod pages;
 mod pictures;
 mod regress;
@@ -29,14 +30,14 @@ mod thermal;
 mod verify;
 
 use std::io::Write;
-use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::clock;
 use crate::error::{Error, Result};
-use crate::output::{Document, Format, write_whole};
+use crate::output::{Document, Format};
+use outfiles::{Files, OutFile};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
 #[derive(Debug, Parser)]
@@ -49,26 +50,29 @@ struct Cli {
 }
 
 /// Options every command has.
-#[derive(Debug, Clone, Args)]
+#[derive(Debug, Args)]
 pub struct Global {
     /// How the result is printed
     #[arg(long, value_enum, default_value = "table", global = true)]
     pub format: Format,
     /// Write the result to FILE (whole or not at all) instead of standard output
     #[arg(long, value_name = "FILE", global = true)]
-    pub out: Option<PathBuf>,
+    pub out: Option<OutFile>,
     /// No progress and no warnings on standard error
     #[arg(long, short, global = true)]
     pub quiet: bool,
     /// Append what is said on standard error, and how the run ended, to FILE
     #[arg(long, value_name = "FILE", global = true)]
-    pub log: Option<PathBuf>,
+    pub log: Option<OutFile>,
     /// Keep the result in the records FILE (see `pivotsight history`)
     #[arg(long, value_name = "FILE", global = true)]
-    pub records: Option<PathBuf>,
+    pub records: Option<OutFile>,
     /// Say more on standard error
     #[arg(long, short, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,
+    /// What is written beside the result
+    #[arg(skip)]
+    files: Files,
 }
 
 impl Global {
@@ -190,17 +194,25 @@ pub fn run() -> ExitCode {
         Ok(arguments) => arguments,
         Err(error) => return fail(error),
     };
-    let cli = match Cli::from_arg_matches(&command().get_matches_from(&arguments)) {
-        Ok(cli) => cli,
+    let mut command = command();
+    let parsed = command
+        .try_get_matches_from_mut(&arguments)
+        .and_then(|matches| Ok((Cli::from_arg_matches(&matches)?, matches)));
+    let (mut cli, matches) = match parsed {
+        Ok(parsed) => parsed,
         Err(error) => error.exit(),
     };
+    match Files::plan(&command, &matches, out_is_folder(&cli.command)) {
+        Ok(files) => cli.global.files = files,
+        Err(error) => return fail(error),
+    }
     let words: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
     let global = &cli.global;
     global.note(words.join(" "));
     let status = dispatch(&cli).and_then(|outcome| {
         history::keep(global, &words, &outcome)?;
-        let out = if takes_out(&cli.command) { None } else { global.out.as_deref() };
-        print(global.format, out, outcome)
+        let takes_out = out_is_folder(&cli.command) || makes_file(&cli.command);
+        hand_out(global, !takes_out, outcome)
     });
     match status {
         Ok(status) => {
@@ -214,11 +226,16 @@ pub fn run() -> ExitCode {
     }
 }
 
-/// Whether `--out` names what the command itself writes (a folder, a page), not its printed result.
-fn takes_out(command: &Command) -> bool {
+/// Whether `--out` names a folder of what the command makes, not its printed result.
+fn out_is_folder(command: &Command) -> bool {
+    matches!(command, Command::Batch(_) | Command::Man(_))
+}
+
+/// Whether `--out` names the file the command makes, not its printed result.
+fn makes_file(command: &Command) -> bool {
     match command {
-        Command::Batch(_) | Command::Report(_) | Command::Man(_) => true,
-        Command::Calib(args) => args.takes_out(),
+        Command::Report(_) => true,
+        Command::Calib(args) => args.makes_file(),
         _ => false,
     }
 }
@@ -256,18 +273,21 @@ fn dispatch(cli: &Cli) -> Result<Outcome> {
     }
 }
 
-/// Prints the document where the user asked for it. A closed pipe is not an error.
-fn print(format: Format, out: Option<&Path>, outcome: Outcome) -> Result<Status> {
-    let Some(document) = outcome.document else { return Ok(outcome.status) };
-    let text = document.text(format);
-    match out {
-        Some(path) => write_whole(path, text.as_bytes())?,
-        None => match std::io::stdout().write_all(text.as_bytes()) {
+/// Prints the document where the user asked for it, and lets the files beside it appear. A closed pipe is not an error.
+fn hand_out(global: &Global, to_out: bool, outcome: Outcome) -> Result<Status> {
+    let text = outcome.document.map(|document| document.text(global.format));
+    match (&global.out, text) {
+        (Some(path), Some(text)) if to_out => global.files.add(path, text.as_bytes())?,
+        (_, Some(text)) => match std::io::stdout().write_all(text.as_bytes()) {
             Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => {
                 return Err(Error::io("standard output", "write", e));
             }
             _ => {}
         },
+        (_, None) => {}
+    }
+    for path in global.files.publish()? {
+        global.say(format_args!("wrote {}", path.display()));
     }
     Ok(outcome.status)
 }

@@ -3,9 +3,10 @@
 use std::fmt::Write as _;
 use std::path::PathBuf;
 
+use super::outfiles::OutFile;
 use super::{Global, Outcome, Status, result};
 use crate::error::{Error, Result};
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 use crate::regress::{self, Case};
 
 /// Run cases with expected results and show what drifted
@@ -15,7 +16,7 @@ pub struct Args {
     folder: PathBuf,
     /// Write the outcome as JUnit XML
     #[arg(long, value_name = "FILE")]
-    junit: Option<PathBuf>,
+    junit: Option<OutFile>,
     /// Show what drifted and take the new values as expected
     #[arg(long)]
     update: bool,
@@ -40,8 +41,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         regress::update(&cases)?;
     }
     if let Some(path) = &args.junit {
-        write_whole(path, regress::junit(&cases).as_bytes())?;
-        global.say(format!("wrote {}", path.display()));
+        global.write(path, regress::junit(&cases).as_bytes())?;
     }
     let passed = cases.iter().all(|c| c.passed);
     let output = Output { passed, cases };

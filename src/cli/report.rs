@@ -6,7 +6,7 @@ use serde_json::Value;
 
 use super::{Global, Outcome, Status};
 use crate::error::{Error, Result};
-use crate::output::write_whole;
+use crate::output::identity;
 use crate::report::{self, Options};
 use crate::{batch, clock};
 
@@ -30,6 +30,17 @@ pub struct Args {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let path =
         if args.result.is_dir() { args.result.join("summary.json") } else { args.result.clone() };
+    let out = match &global.out {
+        Some(out) => out.to_path_buf(),
+        None => path.with_extension("html"),
+    };
+    if identity(&out) == identity(&path) {
+        return Err(Error::option(
+            "--out",
+            format!("'{}' is the result itself", out.display()),
+            "name the page",
+        ));
+    }
     let text = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
     let result: Value = serde_json::from_slice(&text).map_err(|e| {
         Error::file(
@@ -48,9 +59,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         rows,
     };
     let page = report::page(&result, &options)?;
-    let out = global.out.clone().unwrap_or_else(|| path.with_extension("html"));
-    write_whole(&out, page.as_bytes())?;
-    global.say(format!("wrote {}", out.display()));
+    global.write(out, page.as_bytes())?;
     Ok(Outcome { document: None, status: Status::Good })
 }
 

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
+use super::outfiles::OutFile;
 use super::{Global, Outcome, result};
 use crate::camera::{Calibration, Identity};
 use crate::draw;
@@ -34,7 +35,7 @@ pub struct Args {
     channel: Channel,
     /// Write the edge points to FILE, for `diagnose rod`
     #[arg(long, value_name = "FILE")]
-    points: Option<PathBuf>,
+    points: Option<OutFile>,
     /// Write pictures of what was measured to DIR
     #[arg(long, value_name = "DIR")]
     overlay: Option<PathBuf>,
@@ -67,10 +68,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         ..Options::default()
     };
     let (calibration, identity) = Calibration::identified(&args.calib)?;
-    let captures = read_captures(&args.captures)?;
-    let mut measured = rod::measure(&captures, &calibration, &options)?;
+    let mut warnings = Vec::new();
+    let captures = read_captures(&args.captures, &mut warnings)?;
+    global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
+    let mut measured = rod::measure(&captures, &calibration, &options)
+        .map_err(|e| e.in_file(&args.captures, None))?;
     if let Some(path) = &args.points {
-        write_whole(path, points_csv(&captures, &measured).as_bytes())?;
+        global.write(path, points_csv(&captures, &measured).as_bytes())?;
     }
     let overlays = match &args.overlay {
         Some(folder) => overlays(folder, &captures, &calibration, &measured, args.channel)?,
@@ -82,6 +86,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let opinions = || cross_check.iter().flatten();
     let report = &mut measured.report;
+    report.warnings.splice(..0, warnings);
     report.warnings.extend(opinions().filter_map(Opinion::warning));
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let mut words = table(report);

@@ -2,9 +2,10 @@
 
 use std::path::PathBuf;
 
+use super::outfiles::OutFile;
 use super::{Global, Outcome, result, rows};
 use crate::error::Result;
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 use crate::rotary::{self, Options, Sweep, export};
 
 /// Correct a rotary axis' pitch-error table from RTCP deviations
@@ -38,7 +39,7 @@ pub struct Args {
     reference_deg: f64,
     /// Write the new table to FILE
     #[arg(long, value_name = "FILE")]
-    table: Option<PathBuf>,
+    table: Option<OutFile>,
     /// For which control
     #[arg(long, value_enum, default_value = "csv")]
     control: export::Control,
@@ -90,12 +91,11 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 reference_deg: args.reference_deg,
             },
         )?;
-        write_whole(path, table.as_bytes())?;
-        global.say(format!("wrote {}", path.display()));
+        global.write(path, table.as_bytes())?;
     }
     if let Some(folder) = &args.plot {
-        let path = report.figure(args.dead_band_mm).write(folder, "rotary")?;
-        global.say(format!("wrote {}", path.display()));
+        let figure = report.figure(args.dead_band_mm).to_svg();
+        global.write_into(folder, "rotary.svg", figure.as_bytes())?;
     }
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let json = result("rotary", &args.deviations, &report.warnings, &report);

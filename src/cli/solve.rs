@@ -3,9 +3,10 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, Status, result};
 use crate::error::Result;
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 use crate::rtcp::Session;
 use crate::rtcp::report::Solution;
 use crate::rtcp::solve::{Solved, solve};
@@ -19,7 +20,7 @@ pub struct Args {
     session: PathBuf,
     /// Write the machine file these numbers make (not where the check touch fails)
     #[arg(long, value_name = "FILE")]
-    write_machine: Option<PathBuf>,
+    write_machine: Option<OutFile>,
 }
 
 /// Runs the command.
@@ -35,7 +36,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             warnings
                 .push(format!("{}: not written, because the check touch fails", path.display()));
         }
-        Some(path) => write_whole(path, machine.to_toml().as_bytes())?,
+        Some(path) => global.write(path, machine.to_toml().as_bytes())?,
         None => {}
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::{Global, Outcome, Status, result, rows};
 use crate::error::{Error, Result};
-use crate::output::{Document, create_folder, write_whole};
+use crate::output::Document;
 use crate::thermal::compensate::{self, Compensator};
 use crate::thermal::{self, Model, head, screw, simulate, verify};
 
@@ -142,15 +142,15 @@ fn fit(args: &FitArgs, global: &Global) -> Result<Outcome> {
     )?;
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
-        global.say(format!("wrote {}", model.figure().write(folder, "thermal")?.display()));
+        global.write_into(folder, "thermal.svg", model.figure().to_svg().as_bytes())?;
     }
     let input = json!({ "head": args.head, "screw": args.screw });
     let document = Document::single(result("thermal-fit", input, &warnings, &model), model.text());
     // The result is the model file, so --out gets JSON whatever is printed for people.
     match &global.out {
         Some(path) => {
-            write_whole(path, document.text(crate::output::Format::Json).as_bytes())?;
-            global.say(format!("wrote {}\n{}", path.display(), document.table.trim_end()));
+            global.write(path, document.text(crate::output::Format::Json).as_bytes())?;
+            global.say(document.table.trim_end());
             Ok(Outcome { document: None, status: Status::Good })
         }
         None => Ok(Outcome::good(document)),
@@ -196,7 +196,8 @@ fn stream(args: &CompensateArgs) -> Result<Outcome> {
 fn correct_table(args: &CompensateArgs, table: &Path, global: &Global) -> Result<Outcome> {
     let report = verify::correct(&mut compensator(args)?, table)?;
     if let Some(folder) = &args.plot {
-        global.say(format!("wrote {}", report.figure().write(folder, "compensation")?.display()));
+        let figure = report.figure().to_svg();
+        global.write_into(folder, "compensation.svg", figure.as_bytes())?;
     }
     let json = result("thermal-compensate", table, &[], &report);
     Ok(Outcome::good(Document { json, rows: rows(&report.rows), table: report.text() }))
@@ -210,15 +211,13 @@ fn write_simulation(args: &SimulateArgs, global: &Global) -> Result<Outcome> {
             "give 1 to 60 and 20 to 1000000",
         ));
     }
-    create_folder(&args.dir)?;
     let truth = simulate::Truth::sample(args.sensors);
     for (name, text) in [
         ("head.csv", truth.head_csv(args.rows, args.seed)),
         ("screw.csv", truth.screw_csv(&[0.0, 5.0, 10.0, 15.0, 20.0], 11, args.seed + 1)),
         ("day.csv", truth.day_csv(120, args.seed + 2)),
     ] {
-        write_whole(args.dir.join(name), text.as_bytes())?;
-        global.say(format!("wrote {}", args.dir.join(name).display()));
+        global.write_into(&args.dir, name, text.as_bytes())?;
     }
     Ok(Outcome { document: None, status: Status::Good })
 }

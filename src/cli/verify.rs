@@ -15,7 +15,7 @@ use crate::diagnose::generic::range;
 use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::machine::Machine;
-use crate::output::{Document, create_folder, write_whole};
+use crate::output::Document;
 use crate::rtcp::export::Control;
 use crate::rtcp::plan;
 use crate::rtcp::sweep::{Size, Sweep, predict};
@@ -120,12 +120,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     match (&args.data, &args.plan) {
         (Some(data), _) => compare(args, &machine, data, global),
-        (None, Some(folder)) => suggest(args, &machine, folder),
+        (None, Some(folder)) => suggest(args, &machine, folder, global),
         (None, None) => Err(Error::option("verify", "needs --data or --plan", "give one")),
     }
 }
 
-fn suggest(args: &Args, machine: &Machine, folder: &Path) -> Result<Outcome> {
+fn suggest(args: &Args, machine: &Machine, folder: &Path, global: &Global) -> Result<Outcome> {
     let Some(target) = machine.target else {
         let fix =
             "say where the target stands: [target] position_mm = [x, y, z] in the table frame";
@@ -135,15 +135,14 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path) -> Result<Outcome> {
         return Err(Error::option("--poses", format!("is {}", args.poses), "give 4 to 10000"));
     }
     let plan = plan::poses(&machine.chain()?, args.poses);
-    create_folder(folder)?;
     let files = [
         ("poses.csv", plan::csv(&plan)),
         ("sweep.nc", plan::gcode(&plan, target.position_mm, args.control)),
     ];
     let mut table = format!("{} poses, {} of them repeats\n", plan.len(), plan.len() - args.poses);
     for (name, text) in &files {
-        write_whole(folder.join(name), text.as_bytes())?;
-        let _ = writeln!(table, "{}", folder.join(name).display());
+        let path = global.write_into(folder, name, text.as_bytes())?;
+        let _ = writeln!(table, "{}", path.display());
     }
     let planned =
         Planned { poses: plan.len(), files: files.map(|(name, _)| folder.join(name)).to_vec() };
@@ -209,7 +208,10 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     let plot = args
         .report
         .as_ref()
-        .map(|folder| figure(&sweep, &report, report.noise_mm).write(folder, "sweep"))
+        .map(|folder| {
+            let plot = figure(&sweep, &report, report.noise_mm).to_svg();
+            global.write_into(folder, "sweep.svg", plot.as_bytes())
+        })
         .transpose()?;
 
     let list = (0..measured.len()).map(|i| Row {

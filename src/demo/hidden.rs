@@ -79,7 +79,7 @@ pub fn run_hidden(options: &Options) -> Result<HiddenReport> {
 
     // From here on only the files are known: pictures, captures table, calibration, model.
     let calibration = Calibration::read(folder.join("calib.toml"))?;
-    let captures = rod::read_captures(folder.join("captures.csv"))?;
+    let captures = rod::read_captures(folder.join("captures.csv"), &mut Vec::new())?;
     let measured = rod::measure(&captures, &calibration, &rod::Options::default())?;
     write_whole(folder.join("points.csv"), rod::points_csv(&captures, &measured).as_bytes())?;
     let machine = Machine::head_b_table_c(Head::default(), Table::default());
@@ -123,7 +123,8 @@ fn diagnosed(
     let experiment = RodExperiment::read(points, calibration, Some(machine), &mut Vec::new())?;
     let report = diagnose(&experiment, &crate::diagnose::run::Options::default())?.report;
     let pages = folder.join(name);
-    page::write(&pages, &experiment, &report)?;
+    create_folder(&pages)?;
+    write_whole(pages.join("index.html"), page::html(&experiment, &report).as_bytes())?;
     for variable in experiment.layout().variables.iter().filter(|v| !v.within) {
         let plot = page::figure(&experiment, variable, &report);
         plot.write(&pages, &format!("over-{}", variable.name))?;

@@ -177,7 +177,7 @@ fn burn_tests(machine: &mut VirtualMachine, options: &Options) -> Result<Vec<Bur
 fn photographed_rod(machine: &VirtualMachine, options: &Options) -> Result<rod::Report> {
     let rendered = machine.photograph_rod()?;
     let table = rendered.write(&options.folder, "rod")?;
-    let captures = rod::read_captures(options.folder.join(table))?;
+    let captures = rod::read_captures(options.folder.join(table), &mut Vec::new())?;
     let measured = rod::measure(&captures, &rendered.camera.calibration, &rod::Options::default())?;
     let overlays =
         draw::rod_captures(&captures, &rendered.camera.calibration, &measured, Channel::Auto)?;

@@ -1,21 +1,11 @@
 //! The report page: verdict, ranking, and the residuals before and after over each variable.
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use crate::diagnose::experiment::{Experiment, Variable};
 use crate::diagnose::generic::range;
 use crate::diagnose::report::{Report, Verdict};
-use crate::error::Result;
-use crate::output::{create_folder, write_whole};
 use crate::plot::{Figure, Panel};
-
-/// Writes `index.html` into a folder.
-pub fn write(folder: impl AsRef<Path>, experiment: &dyn Experiment, report: &Report) -> Result<()> {
-    let folder = folder.as_ref();
-    create_folder(folder)?;
-    write_whole(folder.join("index.html"), html(experiment, report).as_bytes())
-}
 
 /// What the verdict means, for a service engineer.
 fn plain(verdict: Verdict) -> &'static str {
@@ -39,7 +29,8 @@ fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-fn html(experiment: &dyn Experiment, r: &Report) -> String {
+/// The page.
+pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     let mut h = String::from(
         "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Diagnosis</title><style>\
          body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}\

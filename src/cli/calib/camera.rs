@@ -3,13 +3,14 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use super::super::outfiles::OutFile;
 use super::super::{Global, Outcome, result};
 use crate::calib::lens::{self, Report};
 use crate::calib::target::Target;
 use crate::cv::Distortion;
 use crate::draw;
 use crate::error::Result;
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 
 /// Finds focal length, principal point and distortion from pictures of a target (needs OpenCV built in)
 #[derive(Debug, clap::Args)]
@@ -25,10 +26,10 @@ pub struct Args {
     distortion: Distortion,
     /// Write the lens to FILE, for `calib plane --lens FILE`
     #[arg(long, value_name = "FILE")]
-    write_calib: Option<PathBuf>,
+    write_calib: Option<OutFile>,
     /// Write a picture of where in the frame the target was seen to FILE.png
     #[arg(long, value_name = "FILE")]
-    coverage: Option<PathBuf>,
+    coverage: Option<OutFile>,
 }
 
 /// What is printed.
@@ -44,10 +45,10 @@ pub struct Output<'r> {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let made = lens::calibrate(&args.images, &args.target, args.distortion)?;
     if let Some(path) = &args.write_calib {
-        write_whole(path, made.lens.to_toml(&super::stem(path)).as_bytes())?;
+        global.write(path, made.lens.to_toml(&super::stem(path)).as_bytes())?;
     }
     if let Some(path) = &args.coverage {
-        write_whole(path, &draw::coverage(&made)?)?;
+        global.write(path, &draw::coverage(&made)?)?;
     }
     let report = &made.report;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));

@@ -65,8 +65,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let table_given = args.inputs[0].extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
     match (args.diameter_mm, table_given, &args.inputs[..]) {
         (None, true, [path]) => {
-            let captures = read_captures(path)?;
-            let report = check::plane(&captures, &calibration, args.tolerance_mm)?;
+            let mut warnings = Vec::new();
+            let captures = read_captures(path, &mut warnings)?;
+            global.reads(path, captures.iter().map(|c| &c.path))?;
+            let mut report = check::plane(&captures, &calibration, args.tolerance_mm)
+                .map_err(|e| e.in_file(path, None))?;
+            report.warnings.splice(..0, warnings);
             report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
             let json = result("calib-check", path, &report.warnings, &report);
             Ok(outcome(Document::single(json, plane_table(&report)), report.verdict))

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use super::super::outfiles::OutFile;
 use super::super::{Global, Outcome, result};
 use crate::calib::laser::{self, Report};
 use crate::camera::Calibration;
@@ -24,16 +25,21 @@ pub struct Args {
     diameter_mm: f64,
     /// Write the calibration with the new [laser] to FILE (which may be the one given)
     #[arg(long, value_name = "FILE")]
-    write_calib: Option<PathBuf>,
+    write_calib: Option<OutFile>,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut calibration = Calibration::read(&args.calib)?;
-    let report = laser::calibrate(&laser::read(&args.burns)?, &calibration, args.diameter_mm)?;
+    let mut warnings = Vec::new();
+    let burns = laser::read(&args.burns, &mut warnings)?;
+    global.reads(&args.burns, burns.iter().map(|b| &b.path))?;
+    let mut report = laser::calibrate(&burns, &calibration, args.diameter_mm)
+        .map_err(|e| e.in_file(&args.burns, None))?;
+    report.warnings.splice(..0, warnings);
     if let Some(path) = &args.write_calib {
         calibration.laser = Some(report.laser());
-        super::write(path, &calibration)?;
+        global.write(path, calibration.to_toml().as_bytes())?;
     }
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let json = result("calib-laser", &args.burns, &report.warnings, &report);

@@ -9,9 +9,7 @@ pub mod target;
 use std::path::Path;
 
 use super::{Global, Outcome};
-use crate::camera::Calibration;
 use crate::error::Result;
-use crate::output::write_whole;
 
 /// Calibrates the camera: lens, plane and laser, and checks whether a calibration still holds
 #[derive(Debug, clap::Args)]
@@ -30,8 +28,8 @@ enum What {
 }
 
 impl Args {
-    /// Whether `--out` names what the command itself writes.
-    pub fn takes_out(&self) -> bool {
+    /// Whether `--out` names the file the command makes.
+    pub fn makes_file(&self) -> bool {
         matches!(self.what, What::Target(_))
     }
 }
@@ -45,11 +43,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         What::Plane(args) => plane::run(args, global),
         What::Target(args) => target::run(args, global),
     }
-}
-
-/// Writes a calibration file.
-fn write(path: &Path, calibration: &Calibration) -> Result<()> {
-    write_whole(path, calibration.to_toml().as_bytes())
 }
 
 /// A file's name without folder and extension: what a calibration is called unless told otherwise.

@@ -3,6 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
+use super::super::outfiles::OutFile;
 use super::super::{Global, Outcome, Status, result};
 use crate::calib::plane::{self, Orientation, Report};
 use crate::camera::Lens;
@@ -22,7 +23,7 @@ pub struct Args {
     lens: Option<PathBuf>,
     /// Write the calibration to FILE
     #[arg(long, value_name = "FILE")]
-    write_calib: Option<PathBuf>,
+    write_calib: Option<OutFile>,
     /// The camera really looks through a mirror: accept a mirrored mapping
     #[arg(long)]
     mirrored: bool,
@@ -31,8 +32,12 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let lens = args.lens.as_ref().map(Lens::read).transpose()?;
-    let captures = read_captures(&args.captures)?;
-    let mut made = plane::calibrate(&captures, lens.as_ref())?;
+    let mut warnings = Vec::new();
+    let captures = read_captures(&args.captures, &mut warnings)?;
+    global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
+    let mut made =
+        plane::calibrate(&captures, lens.as_ref()).map_err(|e| e.in_file(&args.captures, None))?;
+    made.report.warnings.splice(..0, warnings);
     let refused = made.report.orientation == Orientation::Mirrored && !args.mirrored;
     if let Some(path) = &args.write_calib {
         if refused {
@@ -42,7 +47,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             ));
         } else {
             made.calibration.name = super::stem(path);
-            super::write(path, &made.calibration)?;
+            global.write(path, made.calibration.to_toml().as_bytes())?;
         }
     }
     let report = &made.report;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use super::super::{Global, Outcome, result};
 use crate::calib::target::{Page, Target, pdf, svg};
 use crate::error::{Error, Result};
-use crate::output::{Document, write_whole};
+use crate::output::Document;
 
 /// Writes a calibration target to print, true to scale, as SVG or PDF
 #[derive(Debug, clap::Args)]
@@ -38,8 +38,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     })?;
     let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
     match extension.as_str() {
-        "svg" => write_whole(path, svg(&page).as_bytes())?,
-        "pdf" => write_whole(path, &pdf(&page))?,
+        "svg" => global.write(path, svg(&page).as_bytes())?,
+        "pdf" => global.write(path, &pdf(&page))?,
         _ => {
             return Err(Error::option(
                 "--out",
@@ -50,7 +50,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let (w, h) = (page.size_mm.x, page.size_mm.y);
     let output = Output {
-        file: path.to_owned(),
+        file: path.to_path_buf(),
         paper: page.paper.to_string(),
         page_mm: [w, h],
         pattern_mm: args.target.size_mm().into(),

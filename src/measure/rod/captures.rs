@@ -1,11 +1,11 @@
 //! The captures' table: one picture a row, with the machine's position.
 
-use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
+use crate::repeats;
 use crate::table::Table;
 
 /// One capture.
@@ -43,7 +43,8 @@ impl Capture {
 }
 
 /// Reads `CAPTURES.csv`: `image,x_mm,y_mm`, optionally `z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y`.
-pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
+/// A picture that stands twice is left out once, with a warning.
+pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Capture>> {
     let path = path.as_ref();
     let table = Table::read(
         path,
@@ -66,22 +67,15 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
             ));
         }
     }
-    let mut positions: HashMap<String, Vector2<f64>> = HashMap::new();
-    (0..table.rows())
+    let names = (0..table.rows()).map(|row| (row, table.text(row, "image")));
+    if let Some((row, _)) = names.clone().find(|(_, name)| name.is_empty()) {
+        return Err(table.error(row, "image", "is empty", "name the capture's picture"));
+    }
+    let paths: Vec<PathBuf> = names.map(|(_, name)| folder.join(name)).collect();
+    repeats::pictures_once(&table, &paths, warnings)?
+        .into_iter()
         .map(|row| {
-            let image = table.text(row, "image").to_owned();
-            if image.is_empty() {
-                return Err(table.error(row, "image", "is empty", "name the capture's picture"));
-            }
             let position_mm = Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?);
-            if *positions.entry(image.clone()).or_insert(position_mm) != position_mm {
-                return Err(table.error(
-                    row,
-                    "image",
-                    format!("'{image}' stands in an earlier line at another position"),
-                    "give each capture its own picture",
-                ));
-            }
             let direction = match (optional(row, "dir_x")?, optional(row, "dir_y")?) {
                 (Some(x), Some(y)) => Some([x, y]),
                 (Some(x), None) => Some([x, 0.0]),
@@ -89,8 +83,8 @@ pub fn read(path: impl AsRef<Path>) -> Result<Vec<Capture>> {
                 (None, None) => None,
             };
             Ok(Capture {
-                path: folder.join(&image),
-                image,
+                path: paths[row].clone(),
+                image: table.text(row, "image").to_owned(),
                 position_mm,
                 c_deg: optional(row, "c_deg")?.unwrap_or(0.0),
                 t_s: optional(row, "t_s")?,

@@ -1,63 +1,10 @@
-//! Files written whole or not at all, and results turned into JSON, JSON lines, CSV or a table.
+//! What a command hands out: files written whole or not at all, and results as JSON, JSON lines, CSV or a table.
 
-use std::io::Write;
-use std::path::Path;
+mod files;
 
 use serde_json::Value;
 
-use crate::error::{Error, Result};
-
-/// Writes `bytes` to `path` so that a reader sees the old file or the new one, never a part. A device or pipe
-/// (`/dev/stdout`) is written to as it is, not replaced by a file.
-pub fn write_whole(path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
-    let path = path.as_ref();
-    write_streamed(path, |file| file.write_all(bytes).map_err(|e| Error::io(path, "write", e)))
-}
-
-/// As [`write_whole`], for files too large to hold in memory.
-pub fn write_streamed(
-    path: &Path,
-    fill: impl FnOnce(&mut std::fs::File) -> Result<()>,
-) -> Result<()> {
-    match std::fs::metadata(path) {
-        Ok(there) if there.is_dir() => {
-            return Err(Error::file(path, "is a folder", "give the name of a file"));
-        }
-        Ok(there) if !there.is_file() => {
-            let device = std::fs::OpenOptions::new().write(true).open(path);
-            return fill(&mut device.map_err(|e| Error::io(path, "write", e))?);
-        }
-        _ => {}
-    }
-    let folder = match path.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    };
-    if !folder.is_dir() {
-        return Err(Error::file(
-            path,
-            format!("the folder '{}' does not exist", folder.display()),
-            "create it or correct the path",
-        ));
-    }
-    let failed = |e: std::io::Error| Error::io(path, "write", e);
-    let mut file =
-        tempfile::Builder::new().prefix(".pivotsight-").tempfile_in(folder).map_err(failed)?;
-    fill(file.as_file_mut())?;
-    file.as_file().sync_all().map_err(failed)?;
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::PermissionsExt;
-        file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).map_err(failed)?;
-    }
-    file.persist(path).map_err(|e| failed(e.error))?;
-    Ok(())
-}
-
-/// Creates a folder for results, with its parents.
-pub fn create_folder(path: impl AsRef<Path>) -> Result<()> {
-    std::fs::create_dir_all(&path).map_err(|e| Error::io(&path, "create", e))
-}
+pub use files::*;
 
 /// How a result is printed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -176,11 +123,5 @@ mod tests {
         let rows =
             [serde_json::json!({"a": 1, "p": {"q": [2.5, null]}}), serde_json::json!({"b": "x,y"})];
         assert_eq!(csv_text(&rows), "a,p.q.0,p.q.1,b\n1,2.5,,\n,,,\"x,y\"\n");
-    }
-
-    #[test]
-    fn a_write_into_a_missing_folder_says_so() {
-        let message = write_whole("/no/such/folder/file.txt", b"x").unwrap_err().to_string();
-        assert!(message.contains("does not exist"), "{message}");
     }
 }
