@@ -32,28 +32,37 @@ pub fn rows_once(table: &Table, warnings: &mut Vec<String>) -> Vec<usize> {
     once(table, &firsts, "a row", warnings)
 }
 
-/// As [`rows_once`] for rows that each name a picture by `paths`: rows of one picture, or of a copy of it, count once.
-/// If what else they say differs, one of them is wrong.
+/// As [`rows_once`] for rows that each name a picture by `paths`: rows of one picture, or of a copy of it, count once
+/// where all else is alike. One picture at two positions is refused; a copy there is told, and stays.
 pub fn pictures_once(
     table: &Table,
     paths: &[impl AsRef<Path>],
     warnings: &mut Vec<String>,
 ) -> Result<Vec<usize>> {
-    let firsts = firsts(paths.iter().map(|p| content(p.as_ref())));
-    for (row, first) in firsts.iter().enumerate().filter_map(|(row, f)| Some((row, (*f)?))) {
+    let mut firsts = firsts(paths.iter().map(|p| content(p.as_ref())));
+    for (row, entry) in firsts.iter_mut().enumerate() {
+        let Some(first) = *entry else { continue };
         let beside = |row: usize| table.cells(row).into_iter().filter(|(name, _)| *name != "image");
-        if !beside(row).eq(beside(first)) {
+        if beside(row).eq(beside(first)) {
+            continue;
+        }
+        let (image, line) = (table.text(row, "image"), table.line(first));
+        if paths[row].as_ref() == paths[first].as_ref() {
             return Err(table.error(
                 row,
                 "image",
                 format!(
-                    "'{}' is the picture of line {}, there at another position or time",
-                    table.text(row, "image"),
-                    table.line(first)
+                    "'{image}' is the picture of line {line}, there at another position or time"
                 ),
                 "give each row its own picture",
             ));
         }
+        warnings.push(format!(
+            "{}:{}: '{image}' is a copy of the picture of line {line}, there at another position or time: one is wrong",
+            table.path().display(),
+            table.line(row)
+        ));
+        *entry = None;
     }
     Ok(once(table, &firsts, "a picture", warnings))
 }
