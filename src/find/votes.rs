@@ -297,6 +297,9 @@ fn threshold(gradients: &[Gradient], noise: f64) -> f32 {
 fn peaks(image: &Gray<f32>, count: usize, apart: f64) -> Vec<(f32, Vector2<f64>)> {
     let mut list = Vec::new();
     let w = image.width;
+    if w < 3 {
+        return list;
+    }
     let mut highest = vec![false; w - 2];
     for y in 1..image.height - 1 {
         let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
