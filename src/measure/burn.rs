@@ -120,12 +120,26 @@ pub fn measure(
         let [x, y] = m.report.offset.offset_u95_mm;
         x.hypot(y)
     };
-    let mut measured = best_channel(picture, options.channel, subject, attempt, spread)?;
+    let mut measured = best_channel(picture, options.channel, subject, attempt, refutes, spread)?;
     if picture.is_colour() {
         let word = measured.report.channel.word();
         measured.report.warnings.push(format!("colour picture: measured in its {word} channel"));
     }
     Ok(measured)
+}
+
+/// Whether a channel that shows the ring far clearer has it elsewhere: the other one has taken a heat tint for it.
+fn refutes(clear: &Measured, other: &Measured) -> bool {
+    /// Contrast of the ring as a part of the clearer one's.
+    const FAINTER: f64 = 0.7;
+    let apart = |a: f64, b: f64, a_u95: f64, b_u95: f64| (a - b).abs() > a_u95.hypot(b_u95);
+    let (a, b) = (&clear.report.ring, &other.report.ring);
+    let elsewhere = (0..2).any(|i| {
+        let u95 = |c: &CircleReport| c.center_u95_mm[i];
+        apart(a.center_mm[i], b.center_mm[i], u95(a), u95(b))
+    });
+    other.ring.contrast.abs() < FAINTER * clear.ring.contrast.abs()
+        && (elsewhere || apart(a.diameter_mm, b.diameter_mm, a.diameter_u95_mm, b.diameter_u95_mm))
 }
 
 /// Checks the options; the same for every picture.

@@ -90,7 +90,7 @@ pub fn measure(
         let each = m.report.circles.iter().map(|c| c.circle.center_u95_mm);
         each.map(|u| u[0].hypot(u[1])).fold(0.0, f64::max)
     };
-    best_channel(picture, options.channel, subject, attempt, spread)
+    best_channel(picture, options.channel, subject, attempt, |_, _| false, spread)
 }
 
 /// Refuses options that cannot be meant.

@@ -60,29 +60,34 @@ impl CircleReport {
 }
 
 /// Measures in every channel worth trying and keeps the one whose result is known best (least `spread`, by a tenth at
-/// least, so that noise does not choose); the first channel's error where none can be measured.
+/// least, so that noise does not choose), of those that no other one refutes; the first channel's error where none can be
+/// measured. `refutes` says whether the first result shows the second to be wrong.
 pub(crate) fn best_channel<M>(
     picture: &Picture,
     choice: Channel,
     subject: &str,
-    mut attempt: impl FnMut(Channel) -> Result<M>,
+    attempt: impl FnMut(Channel) -> Result<M>,
+    refutes: impl Fn(&M, &M) -> bool,
     spread: impl Fn(&M) -> f64,
 ) -> Result<M> {
-    let mut best: Option<(f64, M)> = None;
-    let mut first_error = None;
-    for channel in picture.channels(choice) {
-        match attempt(channel) {
-            Ok(measured) => {
-                let value = spread(&measured);
-                if best.as_ref().is_none_or(|(least, _)| value < 0.9 * least) {
-                    best = Some((value, measured));
-                }
-            }
-            Err(e) => first_error = first_error.or(Some(e)),
+    let tried: Vec<Result<M>> = picture.channels(choice).into_iter().map(attempt).collect();
+    let (mut measured, mut errors) = (Vec::new(), Vec::new());
+    for result in tried {
+        match result {
+            Ok(m) => measured.push(m),
+            Err(e) => errors.push(e),
         }
     }
-    match (best, first_error) {
-        (Some((_, measured)), _) => Ok(measured),
+    let stands = |m: &M| !measured.iter().any(|other| refutes(other, m));
+    let mut best: Option<(f64, usize)> = None;
+    for (i, m) in measured.iter().enumerate().filter(|(_, m)| stands(m)) {
+        let value = spread(m);
+        if best.is_none_or(|(least, _)| value < 0.9 * least) {
+            best = Some((value, i));
+        }
+    }
+    match (best, errors.into_iter().next()) {
+        (Some((_, i)), _) => Ok(measured.swap_remove(i)),
         (None, Some(e)) => Err(e),
         (None, None) => Err(Error::measure(subject, "has no channel to measure", "give a picture")),
     }
