@@ -6,7 +6,8 @@ use pivotsight::error::Result;
 use pivotsight::measure::burn::{self, Measured, Options};
 
 mod painter;
-use painter::picture;
+use painter::{colour_picture, picture};
+use pivotsight::frame::{Channel, Picture};
 
 const PLATE: f64 = 170.0;
 const BURNT: f64 = 60.0;
@@ -19,9 +20,13 @@ fn burn(outer_px: f64, inner_px: f64, spot_px: f64, offset_px: Vector2<f64>) -> 
         let spot = (p - center - offset_px).norm() < spot_px;
         if spot || (inner_px..outer_px).contains(&r) { BURNT } else { PLATE }
     });
+    measure(&seen)
+}
+
+fn measure(seen: &Picture) -> Result<Measured> {
     let mapping = Mapping::Scale { mm_per_px: 0.02, rotation_deg: 0.0 };
     let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
-    burn::measure(&seen, &calibration, &Options::default(), "painted")
+    burn::measure(seen, &calibration, &Options::default(), "painted")
 }
 
 fn off_mm(found: &Measured, offset_px: Vector2<f64>) -> f64 {
@@ -55,4 +60,69 @@ fn the_inner_edge_of_a_wide_annulus_is_no_spot() {
         let error = burn(150.0, part * 150.0, 0.0, offset_px).map(|m| m.report.spot.diameter_mm);
         assert!(error.is_err(), "{part}: {error:?}");
     }
+}
+
+/// A nut's outline and a dot within it, or a screw's socket within its head, are no burn.
+#[test]
+fn polygons_are_neither_rings_nor_spots() {
+    let center = Vector2::new(318.3, 241.6);
+    let polygon = |d: Vector2<f64>, corners: f64| {
+        let side = std::f64::consts::TAU / corners;
+        let turn = (d.y.atan2(d.x) + 0.2).rem_euclid(side) - 0.5 * side;
+        d.norm() * turn.cos()
+    };
+    let dot = Vector2::new(4.0, -3.0);
+    for corners in [5.0, 6.0, 7.0, 8.0] {
+        let nut = measure(&picture(|p| {
+            let d = p - center;
+            if polygon(d, corners) < 140.0 && (d - dot).norm() > 25.0 { BURNT } else { PLATE }
+        }));
+        assert!(nut.is_err(), "{corners}: {:?}", nut.map(|m| m.report.ring.diameter_mm));
+    }
+    let screw = measure(&picture(|p| {
+        let d = p - center;
+        match (d.norm() < 150.0, polygon(d, 6.0) < 45.0) {
+            (_, true) => 20.0,
+            (true, false) => BURNT,
+            (false, false) => PLATE,
+        }
+    }));
+    assert!(screw.is_err(), "{:?}", screw.map(|m| m.report.spot.diameter_mm));
+}
+
+/// Rings of ripples about one centre: any two of them could be taken for ring and spot.
+#[test]
+fn ripples_are_no_burn() {
+    let center = Vector2::new(318.3, 241.6);
+    for (length_px, reach_px) in [(40.0, 400.0), (60.0, 250.0), (80.0, 300.0)] {
+        let rippled = measure(&picture(|p| {
+            let r = (p - center).norm();
+            let wave = 1.0 - (std::f64::consts::TAU * r / length_px).cos();
+            PLATE * (1.0 - 0.25 * wave * (-r / reach_px).exp())
+        }));
+        assert!(rippled.is_err(), "{length_px}: {:?}", rippled.map(|m| m.report.ring.diameter_mm));
+    }
+}
+
+/// A burn is seen well in one channel, and in the others hardly better than the tint around it, whose bands lie elsewhere in each.
+#[test]
+fn the_channel_that_shows_the_burn_is_believed_not_the_one_that_shows_tint() {
+    let (center, tinted) = (Vector2::new(318.3, 241.6), Vector2::new(318.7, 241.3));
+    let offset_px = Vector2::new(2.3, -1.4);
+    let found = measure(&colour_picture(|p, channel| {
+        let d = p - center;
+        let depth = [0.12, 0.6, 0.15][channel];
+        let out = (p - tinted).norm() - 130.0;
+        let band = 1.0 - (std::f64::consts::TAU * out / [15.0, 18.0, 21.0][channel]).cos();
+        let tint = if out > 0.0 { 0.1 * band * (-out / 30.0).exp() } else { 0.0 };
+        let inside = |r: f64| 1.0 / (1.0 + (r / 2.0).exp());
+        let plate = PLATE * (1.0 - tint);
+        let burnt = plate * (1.0 - depth * inside(d.norm() - 130.0));
+        burnt + (20.0 - burnt) * inside((d - offset_px).norm() - 22.0)
+    }))
+    .unwrap();
+    let channel = found.report.channel;
+    assert!(!matches!(channel, Channel::Red | Channel::Blue), "{channel:?}");
+    let off = off_mm(&found, offset_px);
+    assert!(off < 0.004, "off by {off} mm");
 }

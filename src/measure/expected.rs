@@ -145,7 +145,7 @@ impl Picture<'_> {
             || !SAME_STEP.contains(&(ring.contrast / c.step))
             || ring.fitted_sd_mm > doubt * ring.circle.radius
             || is_arc && ring.covariance[(2, 2)].sqrt() > doubt * ring.circle.radius
-            || is_polygon(&ring.residuals, ring.circle.radius)
+            || is_polygon(&ring)
         {
             return None;
         }

@@ -9,6 +9,7 @@ use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::concentric;
 use crate::measure::expected::{around, measure_candidate};
+use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
 use crate::measure::spot;
 
@@ -64,9 +65,12 @@ pub(super) fn measure(
     let rings = ring_candidates(&steady, 0.06 * side);
     // Of the clearest ring without a spot.
     let mut lone_step = 0.0f64;
+    // Of the clearest one that is none.
+    let mut refused_step = 0.0f64;
+    let mut rippled = false;
     for outer in rings.iter().take(TRIES) {
-        // Beside a clear ring without a spot the faintest circles are no rings.
-        if outer.step.abs() < FAINT * lone_step {
+        // Beside a clear circle the faintest ones are no rings.
+        if outer.step.abs() < FAINT * lone_step.max(refused_step) {
             continue;
         }
         let stands_out = |c: &Candidate, sides: Sides| {
@@ -84,6 +88,11 @@ pub(super) fn measure(
         if !stands_out(outer, Sides::Edge) {
             continue;
         }
+        if is_rippled(outer, &steady) {
+            rippled = true;
+            refused_step = refused_step.max(outer.step.abs());
+            continue;
+        }
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
         let spots = spot::candidates(&look, outer, &edges);
@@ -96,7 +105,10 @@ pub(super) fn measure(
         {
             return Err(two_burns(subject, outer, other));
         }
-        let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { continue };
+        let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else {
+            refused_step = refused_step.max(outer.step.abs());
+            continue;
+        };
         let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
         let likeliest = clear.peek().copied();
         let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
@@ -131,6 +143,12 @@ pub(super) fn measure(
             subject,
             "a ring was found, but no spot inside it that is clear enough to measure",
             "burn the spot (100 W from 1-5 mm) and photograph again, lit so that no glare covers it",
+        )
+    } else if rippled {
+        Error::measure(
+            subject,
+            "the circles about one centre are ripples or bands of tint, about as strong as each other: which is the ring's edge cannot be told",
+            "wipe the tint off the plate, or light and expose so that the burn is darker than its bands",
         )
     } else {
         Error::measure(
@@ -192,13 +210,7 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
     list.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
     let mut rings: Vec<Candidate> = Vec::new();
     for c in list.iter().take(16) {
-        let shares_center = |o: &&Candidate| {
-            concentric(o, c)
-                && (o.circle.center - c.circle.center).norm()
-                    < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
-                && o.coverage > 0.6 * c.coverage
-                && o.scatter_px < 2.0 * c.scatter_px + 3.0
-        };
+        let shares_center = |o: &&Candidate| shares_center(o, c);
         // A halo is much fainter than the ring it surrounds.
         let strongest = (all.iter().filter(shares_center))
             .filter(|o| o.step * c.step > 0.0 && o.circle.radius > 0.6 * c.circle.radius)
@@ -218,6 +230,32 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
         }
     }
     rings
+}
+
+/// Whether another edge has a candidate's centre, and is about as well seen.
+fn shares_center(o: &Candidate, c: &Candidate) -> bool {
+    concentric(o, c)
+        && (o.circle.center - c.circle.center).norm()
+            < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
+        && o.coverage > 0.6 * c.coverage
+        && o.scatter_px < 2.0 * c.scatter_px + 3.0
+}
+
+/// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
+fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
+    /// Edges about the centre, the ring's own included, with such a part of its step.
+    const MOST: (usize, f64) = (6, 0.3);
+    /// The same beyond the ring.
+    const MOST_BEYOND: (usize, f64) = (1, 0.4);
+    let rivals = |part: f64, least_radius_px: f64| {
+        let counts = |o: &&Candidate| {
+            shares_center(o, ring)
+                && o.step.abs() > part * ring.step.abs()
+                && o.circle.radius > least_radius_px
+        };
+        all.iter().filter(counts).count()
+    };
+    rivals(MOST.1, 0.0) > MOST.0 || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
 }
 
 /// Whether two may be one edge, seen twice.
@@ -262,7 +300,7 @@ fn measure_ring(
 ) -> Option<Ring> {
     let mut others = edges.to_vec();
     others.push(spot);
-    let good = |ring: &Ring| is_circle(ring, view, &RING);
+    let good = |ring: &Ring| is_circle(ring, view, &RING) && !is_polygon(ring);
     let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);

@@ -1,14 +1,21 @@
-//! Whether what was taken for a spot is a polygon: a screw's socket is one, a burn never is.
+//! Whether what was taken for a ring or spot is a polygon: a screw's socket is one, and a nut; a burn never is.
+
+use crate::measure::ring::Ring;
 
 /// Numbers of corners.
 const CORNERS: std::ops::RangeInclusive<u32> = 4..=8;
-/// A polygon's form as a part of its radius, rms: an octagon's is 0.024.
-const FORM: f64 = 0.02;
-/// What a polygon's sides and corners make of its form; a ragged edge's is spread over many waves.
-const SHARE: f64 = 0.8;
+/// A polygon's form as a part of its radius, rms: an octagon's is 0.024, and 0.015 where its corners are taken for dirt.
+const FORM: f64 = 0.012;
+/// What a polygon's sides and corners make of its form, with dirt in its corners; a ragged edge's is spread over many waves.
+const SHARE: f64 = 0.65;
 
-/// Whether the form of an edge, as residuals by angle (rad, mm), is that of a regular polygon.
-pub(super) fn is_polygon(residuals: &[(f64, f64)], radius_mm: f64) -> bool {
+/// Whether the form of a measured edge is that of a regular polygon.
+pub(super) fn is_polygon(ring: &Ring) -> bool {
+    has_corners(&ring.residuals, ring.circle.radius)
+}
+
+/// The same of residuals by angle (rad, mm).
+fn has_corners(residuals: &[(f64, f64)], radius_mm: f64) -> bool {
     let n = residuals.len() as f64;
     let variance = residuals.iter().map(|(_, r)| r * r).sum::<f64>() / n;
     // In its first two waves.
@@ -44,13 +51,13 @@ mod tests {
                 let half = PI / corners;
                 half.cos() / ((a + 0.3).rem_euclid(2.0 * half) - half).cos()
             };
-            assert!(is_polygon(&around(side), 1.0), "{corners}");
+            assert!(has_corners(&around(side), 1.0), "{corners}");
         }
         // An astigmatic beam's ellipse, and one with lobes of all sizes.
-        assert!(!is_polygon(&around(|a| 1.0 + 0.06 * (2.0 * a).cos()), 1.0));
+        assert!(!has_corners(&around(|a| 1.0 + 0.06 * (2.0 * a).cos()), 1.0));
         let lobe = |k: i32, a: f64| 0.03 * (f64::from(k * k) + f64::from(k) * a).cos();
-        assert!(!is_polygon(&around(|a| 1.0 + (2..9).map(|k| lobe(k, a)).sum::<f64>()), 1.0));
+        assert!(!has_corners(&around(|a| 1.0 + (2..9).map(|k| lobe(k, a)).sum::<f64>()), 1.0));
         // Six corners so small that a ragged edge has them too.
-        assert!(!is_polygon(&around(|a| 1.0 + 0.01 * (6.0 * a).cos()), 1.0));
+        assert!(!has_corners(&around(|a| 1.0 + 0.01 * (6.0 * a).cos()), 1.0));
     }
 }

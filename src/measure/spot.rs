@@ -192,7 +192,7 @@ impl Inside<'_> {
             && apart < 1.0
             && !is_rings_own
             && !in_part
-            && !is_polygon(&found.residuals, found.circle.radius)
+            && !is_polygon(found)
             && !strayed(found, rough)
     }
 }
