@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 use std::hash::Hash;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::Result;
 use crate::hash;
@@ -19,10 +19,18 @@ pub fn firsts<K: Eq + Hash>(keys: impl IntoIterator<Item = K>) -> Vec<Option<usi
     keys.into_iter().enumerate().map(first).collect()
 }
 
-/// What a picture is known by: its bytes, or its path where it cannot be read. A pipe would be waited for.
-pub fn content(path: &Path) -> String {
-    let file = Some(path).filter(|p| p.is_file()).and_then(|p| hash::of_file(p).ok());
-    file.unwrap_or_else(|| path.display().to_string())
+/// What each picture is known by: its bytes where another is as long, or its path. A pipe would be waited for.
+pub fn contents(paths: &[impl AsRef<Path>]) -> Vec<String> {
+    let length =
+        |p: &Path| std::fs::metadata(p).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
+    let lengths: Vec<Option<u64>> = paths.iter().map(|p| length(p.as_ref())).collect();
+    let mut times = HashMap::new();
+    lengths.iter().for_each(|l| *times.entry(l).or_insert(0) += 1);
+    let content = |(path, length): (&Path, &Option<u64>)| {
+        let hash = length.filter(|_| times[length] > 1).and_then(|_| hash::of_file(path).ok());
+        hash.unwrap_or_else(|| path.display().to_string())
+    };
+    paths.iter().map(AsRef::as_ref).zip(&lengths).map(content).collect()
 }
 
 /// The rows of a table that count: of rows that are alike in every column, the first. A warning names
@@ -32,22 +40,25 @@ pub fn rows_once(table: &Table, warnings: &mut Vec<String>) -> Vec<usize> {
     once(table, &firsts, "a row", warnings)
 }
 
-/// As [`rows_once`] for rows that each name a picture by `paths`: rows of one picture, or of a copy of it, count once
-/// where all else is alike. One picture at two positions is refused; a copy there is told, and stays.
-pub fn pictures_once(
-    table: &Table,
-    paths: &[impl AsRef<Path>],
-    warnings: &mut Vec<String>,
-) -> Result<Vec<usize>> {
-    let mut firsts = firsts(paths.iter().map(|p| content(p.as_ref())));
+/// As [`rows_once`] for rows that each name a picture in the column `image`, with where it is: beside the table unless
+/// absolute. Rows of one picture, or of a copy of it, count once where all else is alike. One picture at two positions is
+/// refused; a copy there is told, and stays.
+pub fn pictures_once(table: &Table, warnings: &mut Vec<String>) -> Result<Vec<(usize, PathBuf)>> {
+    let folder = table.path().parent().unwrap_or(Path::new(""));
+    let name = |row: usize| table.text(row, "image");
+    if let Some(row) = (0..table.rows()).find(|&row| name(row).is_empty()) {
+        return Err(table.error(row, "image", "is empty", "name a picture"));
+    }
+    let paths: Vec<PathBuf> = (0..table.rows()).map(|row| folder.join(name(row))).collect();
+    let mut firsts = firsts(contents(&paths));
     for (row, entry) in firsts.iter_mut().enumerate() {
         let Some(first) = *entry else { continue };
         let beside = |row: usize| table.cells(row).into_iter().filter(|(name, _)| *name != "image");
         if beside(row).eq(beside(first)) {
             continue;
         }
-        let (image, line) = (table.text(row, "image"), table.line(first));
-        if paths[row].as_ref() == paths[first].as_ref() {
+        let (image, line) = (name(row), table.line(first));
+        if paths[row] == paths[first] {
             return Err(table.error(
                 row,
                 "image",
@@ -64,7 +75,8 @@ pub fn pictures_once(
         ));
         *entry = None;
     }
-    Ok(once(table, &firsts, "a picture", warnings))
+    let rows = once(table, &firsts, "a picture", warnings);
+    Ok(rows.into_iter().map(|row| (row, paths[row].clone())).collect())
 }
 
 fn once(

@@ -18,6 +18,11 @@ use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::k95;
 
+/// A burn so many times farther off than the middle one was mistyped, not scattered: of three burns one in hundreds is.
+const FAR: f64 = 20.0;
+/// What is never called far off, mm.
+const LEAST_OFF_MM: f64 = 0.05;
+
 /// One burn and its picture.
 #[derive(Debug, Clone)]
 pub struct Shot {
@@ -25,6 +30,8 @@ pub struct Shot {
     pub image: String,
     /// Where it is.
     pub path: PathBuf,
+    /// The table's line.
+    pub line: u64,
     /// Machine X and Y at which the laser fired.
     pub burnt_mm: Vector2<f64>,
     /// Machine X and Y at which the picture was taken.
@@ -80,20 +87,15 @@ pub fn machine_mm(
 pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Shot>> {
     let path = path.as_ref();
     let table = Table::read(path, &["image", "burn_x_mm", "burn_y_mm", "x_mm", "y_mm"], &[])?;
-    let folder = path.parent().unwrap_or(Path::new(""));
-    let names = (0..table.rows()).map(|row| (row, table.text(row, "image")));
-    if let Some((row, _)) = names.clone().find(|(_, name)| name.is_empty()) {
-        return Err(table.error(row, "image", "is empty", "name the burn's picture"));
-    }
-    let paths: Vec<PathBuf> = names.map(|(_, name)| folder.join(name)).collect();
-    repeats::pictures_once(&table, &paths, warnings)?
+    repeats::pictures_once(&table, warnings)?
         .into_iter()
-        .map(|row| {
+        .map(|(row, path)| {
             let pair = |x: &str, y: &str| -> Result<Vector2<f64>> {
                 Ok(Vector2::new(table.number(row, x)?, table.number(row, y)?))
             };
             Ok(Shot {
-                path: paths[row].clone(),
+                path,
+                line: table.line(row),
                 image: table.text(row, "image").to_owned(),
                 burnt_mm: pair("burn_x_mm", "burn_y_mm")?,
                 position_mm: pair("x_mm", "y_mm")?,
@@ -127,7 +129,33 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
             residual_mm: [0.0; 2],
         });
     }
+    if let Some((i, off_mm)) = odd_one_out(&burns) {
+        return Err(Error::measure(
+            format!("line {}: {}", shots[i].line, shots[i].image),
+            format!(
+                "this burn puts the laser axis {off_mm:.3} mm from where the others agree that it is"
+            ),
+            "correct its burn_x_mm, burn_y_mm, x_mm or y_mm, or remove the row",
+        ));
+    }
     average(burns)
+}
+
+/// The burn whose offset is farthest from the median, and how far, where that is no scatter: [`FAR`] times what the
+/// middle one is off, or [`LEAST_OFF_MM`] at least.
+fn odd_one_out(burns: &[ShotReport]) -> Option<(usize, f64)> {
+    if burns.len() < 3 {
+        return None;
+    }
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let middle = [0, 1].map(|k| median(burns.iter().map(|b| b.offset_mm[k]).collect()));
+    let off = |b: &ShotReport| (b.offset_mm[0] - middle[0]).hypot(b.offset_mm[1] - middle[1]);
+    let usual = median(burns.iter().map(off).collect());
+    let far = burns.iter().map(off).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+    far.filter(|(_, off_mm)| *off_mm > (FAR * usual).max(LEAST_OFF_MM))
 }
 
 /// The mean of the burns' offsets. Its uncertainty is what the burns' scatter says (the machine's repeatability is in

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use serde_json::json;
 
 use super::outfiles::OutFile;
-use super::{Global, Outcome, Status, result};
+use super::{Global, Outcome, Status, place, result};
 use crate::align::apply::{self, Form};
 use crate::align::{self, Alignment, fit};
 use crate::error::{Error, Result};
@@ -83,14 +83,6 @@ struct ApplyArgs {
     /// Feed of NC code made from CL data
     #[arg(long, value_name = "F", default_value_t = 1000.0)]
     feed_mm_min: f64,
-}
-
-fn place(text: &str) -> std::result::Result<[f64; 2], String> {
-    let parts: Vec<f64> = text.split(',').map_while(|v| v.trim().parse().ok()).collect();
-    match parts[..] {
-        [x, y] if x.is_finite() && y.is_finite() && text.matches(',').count() == 1 => Ok([x, y]),
-        _ => Err("give two numbers in mm: X,Y".into()),
-    }
 }
 
 /// Runs the command.

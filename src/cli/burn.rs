@@ -7,7 +7,7 @@ use serde::Deserialize;
 use serde_json::json;
 
 use super::pictures::{self, Shown};
-use super::{Global, Outcome, Status};
+use super::{Global, Outcome, Status, place};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
@@ -48,14 +48,8 @@ pub struct Args {
     #[arg(long, value_enum, default_value = "auto")]
     channel: Channel,
     /// About where the ring's centre is in the plane, for pictures with several burns
-    #[arg(
-        long,
-        value_name = "X,Y",
-        value_delimiter = ',',
-        num_args = 1,
-        allow_hyphen_values = true
-    )]
-    near_mm: Vec<f64>,
+    #[arg(long, value_name = "X,Y", value_parser = place, allow_hyphen_values = true)]
+    near_mm: Option<[f64; 2]>,
     /// The pictures are of tests burnt at one setting, each on a fresh place: judge their mean
     #[arg(long)]
     mean: bool,
@@ -69,17 +63,6 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let near_mm = match args.near_mm[..] {
-        [] => None,
-        [x, y] if x.is_finite() && y.is_finite() => Some([x, y]),
-        _ => {
-            return Err(Error::option(
-                "--near-mm",
-                "is not one place in the plane",
-                "give two numbers in mm: --near-mm X,Y",
-            ));
-        }
-    };
     let options = Options {
         tolerance_mm: args.tolerance_mm,
         tolerance_kind: args.tolerance_kind,
@@ -87,7 +70,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         spot_height_mm: args.spot_height_mm,
         flange_mm: args.flange_mm,
         channel: args.channel,
-        near_mm,
+        near_mm: args.near_mm,
     };
     burn::check(&options)?;
     if args.mean && args.images.len() < 2 {
@@ -141,7 +124,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 /// Tests that are one picture twice are no two tests: their mean would seem surer than it is.
 fn each_once(images: &[PathBuf]) -> Result<()> {
     // What cannot be read is said with its picture.
-    let firsts = repeats::firsts(images.iter().map(|i| repeats::content(i)));
+    let firsts = repeats::firsts(repeats::contents(images));
     match images.iter().zip(firsts).find_map(|(image, first)| Some((image, first?))) {
         None => Ok(()),
         Some((image, first)) => Err(Error::option(

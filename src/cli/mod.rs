@@ -324,3 +324,12 @@ pub fn result(
 pub fn rows(list: &[impl serde::Serialize]) -> Vec<serde_json::Value> {
     list.iter().map(|row| serde_json::to_value(row).unwrap_or_default()).collect()
 }
+
+/// A place in the plane, as `--near-mm` and its like take it.
+fn place(text: &str) -> std::result::Result<[f64; 2], String> {
+    let parts: Vec<f64> = text.split(',').map_while(|v| v.trim().parse().ok()).collect();
+    match parts[..] {
+        [x, y] if x.is_finite() && y.is_finite() && text.matches(',').count() == 1 => Ok([x, y]),
+        _ => Err("give two numbers in mm: X,Y".into()),
+    }
+}

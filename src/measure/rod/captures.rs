@@ -51,7 +51,6 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
         &["image", "x_mm", "y_mm"],
         &["z_mm", "b_deg", "c_deg", "t_s", "temp_c", "dir_x", "dir_y"],
     )?;
-    let folder = path.parent().unwrap_or(Path::new("")).to_owned();
     let optional = |row: usize, name: &str| -> Result<Option<f64>> {
         if table.has(name) { table.number(row, name).map(Some) } else { Ok(None) }
     };
@@ -67,14 +66,9 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
             ));
         }
     }
-    let names = (0..table.rows()).map(|row| (row, table.text(row, "image")));
-    if let Some((row, _)) = names.clone().find(|(_, name)| name.is_empty()) {
-        return Err(table.error(row, "image", "is empty", "name the capture's picture"));
-    }
-    let paths: Vec<PathBuf> = names.map(|(_, name)| folder.join(name)).collect();
-    repeats::pictures_once(&table, &paths, warnings)?
+    repeats::pictures_once(&table, warnings)?
         .into_iter()
-        .map(|row| {
+        .map(|(row, path)| {
             let position_mm = Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?);
             let direction = match (optional(row, "dir_x")?, optional(row, "dir_y")?) {
                 (Some(x), Some(y)) => Some([x, y]),
@@ -83,7 +77,7 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
                 (None, None) => None,
             };
             Ok(Capture {
-                path: paths[row].clone(),
+                path,
                 image: table.text(row, "image").to_owned(),
                 position_mm,
                 c_deg: optional(row, "c_deg")?.unwrap_or(0.0),
