@@ -121,6 +121,18 @@ fn the_machine_is_the_ruler_of_the_plane() {
     let good = ["calib", "check", &table, "--calib", calib.to_str().unwrap()];
     let (json, code, _) = run(&[&good[..], &tolerance].concat());
     assert_eq!((json["verdict"].as_str(), code), (Some("pass"), Some(0)), "{json:#}");
+    // One slipped position is left out and told.
+    let rows = std::fs::read_to_string(&table).unwrap();
+    let last = rows.lines().last().unwrap();
+    let (name, at) = last.split_once(',').unwrap();
+    let (x, y) = at.split_once(',').unwrap();
+    let slipped = format!("{name},{},{y}", x.parse::<f64>().unwrap() + 0.1);
+    std::fs::write(&table, rows.replace(last, &slipped)).unwrap();
+    let (json, code, _) = run(&[&good[..], &tolerance].concat());
+    assert_eq!((json["verdict"].as_str(), code), (Some("pass"), Some(0)), "{json:#}");
+    assert_eq!(json["captures_used"], 8, "{json:#}");
+    assert!(json["warnings"][0].as_str().unwrap().contains(name), "{json:#}");
+    std::fs::write(&table, rows).unwrap();
     let text = std::fs::read_to_string(&calib).unwrap();
     let fx: f64 = text.lines().find_map(|l| l.strip_prefix("fx_px = ")).unwrap().parse().unwrap();
     let wrong = text.replace(&format!("fx_px = {fx:?}"), &format!("fx_px = {:?}", fx * 0.98));
@@ -212,6 +224,15 @@ fn the_laser_lands_on_what_the_camera_saw() {
         let u95 = number(&json, &format!("/offset_u95_mm/{k}"));
         assert!(off < 1.5 * u95 && u95 < 0.01, "off by {off} of {u95}");
     }
+    // One burn mistyped: its row is named, and nothing is written.
+    let text = std::fs::read_to_string(&burns).unwrap();
+    let wrong = folder.path().join("wrong.csv");
+    std::fs::write(&wrong, text.replace("burn-1.png,54,", "burn-1.png,45,")).unwrap();
+    let wrong = wrong.to_str().unwrap();
+    let args = ["calib", "laser", wrong, "--calib", calib, "--diameter-mm", "1.4"];
+    let (_, code, said) = run(&args);
+    assert_eq!(code, Some(2));
+    assert!(said.contains("wrong.csv: line 3: burn-1.png") && said.contains("burn_x_mm"), "{said}");
     // The other way round: where must the machine go to fire at a mark that the camera sees?
     let mark = Vector2::new(77.0, 9.0);
     let machine = mark + offset + Vector2::new(-0.7, 1.3);

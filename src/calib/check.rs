@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector2};
 use serde::Serialize;
 
 use crate::calib::mark;
+use crate::calib::plane::odd_one_out;
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::fit::least_squares;
@@ -93,7 +94,7 @@ pub fn plane(
 ) -> Result<PlaneReport> {
     let frames = captures
         .iter()
-        .map(|c| Ok(Picture::read(&c.path)?.into_frame(Channel::Auto)))
+        .map(|c| Ok(calibration.linear(Picture::read(&c.path)?.into_frame(Channel::Auto))))
         .collect::<Result<Vec<Frame>>>()?;
     let (w, h) = (frames[0].width(), frames[0].height());
     let views = frames
@@ -102,11 +103,24 @@ pub fn plane(
         .collect::<Result<Vec<_>>>()?;
     let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
     let sightings = mark::find(&frames, &positions);
-    let seen: Vec<(Vector2<f64>, Vector2<f64>)> = sightings
-        .iter()
-        .enumerate()
-        .filter_map(|(i, s)| Some((views[i].to_plane((*s)?.pixel), positions[i])))
-        .collect();
+    let places = |i: usize| Some((views[i].to_plane(sightings[i]?.pixel), positions[i]));
+    let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
+    let lost = captures.len() - used.len();
+    let mut warnings = Vec::new();
+    if lost > 0 {
+        warnings.push(format!("the mark was not found in {lost} pictures"));
+    }
+    let of = |used: &[usize]| -> Vec<(Vector2<f64>, Vector2<f64>)> {
+        used.iter().filter_map(|&i| places(i)).collect()
+    };
+    if let Some(odd) = odd_one_out(&used, |rest| Some(Affine::fit(&of(rest))?.variance())) {
+        warnings.push(format!(
+            "{}: left out, it does not fit the others (position mistyped, or the mark slipped?)",
+            captures[odd].image
+        ));
+        used.retain(|&i| i != odd);
+    }
+    let seen = of(&used);
     let few = || {
         Error::measure(
             "captures",
@@ -117,25 +131,12 @@ pub fn plane(
     if seen.len() < 4 {
         return Err(few());
     }
-    // H(p) = (1 + E)(M - P): regress p + P on 1 and p, to first order in E.
-    let rows = 2 * seen.len();
-    let design = DMatrix::from_fn(rows, 6, |r, c| {
-        let p = seen[r / 2].0;
-        let own = [[1.0, 0.0, p.x, p.y, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, p.x, p.y]];
-        own[r % 2][c]
-    });
-    let y = DVector::from_fn(rows, |r, _| (seen[r / 2].0 + seen[r / 2].1)[r % 2]);
-    let (inverse, rank) = least_squares::covariance(&design, 1e-7);
-    if rank < 6 {
-        return Err(few());
-    }
-    let beta = &inverse * design.tr_mul(&y);
-    let dof = (rows - 6) as f64;
-    let squares = (&y - &design * &beta).norm_squared();
-    let factor = k95(dof) * (squares / dof).sqrt();
+    let Some(fit) = Affine::fit(&seen) else { return Err(few()) };
+    let Affine { inverse, beta, squares, dof } = &fit;
+    let factor = k95(*dof) * fit.variance().sqrt();
     let combine = |weights: [f64; 4]| {
         let g = DVector::from_fn(6, |i, _| if i < 2 { 0.0 } else { weights[i - 2] });
-        (g.dot(&beta), factor * g.dot(&(&inverse * &g)).max(0.0).sqrt())
+        (g.dot(beta), factor * g.dot(&(inverse * &g)).max(0.0).sqrt())
     };
     let (scale, scale_u) = combine([0.5, 0.0, 0.0, 0.5]);
     let (turn, turn_u) = combine([0.0, -0.5, 0.5, 0.0]);
@@ -149,12 +150,6 @@ pub fn plane(
             (x.hypot(y), ux.hypot(uy))
         })
         .fold((0.0, 0.0), |m: (f64, f64), e| if e.0 > m.0 { e } else { m });
-    let lost = captures.len() - seen.len();
-    let warnings = if lost > 0 {
-        vec![format!("the mark was not found in {lost} pictures")]
-    } else {
-        Vec::new()
-    };
     Ok(PlaneReport {
         captures_used: seen.len(),
         scale_error_percent: 100.0 * scale,
@@ -167,6 +162,38 @@ pub fn plane(
         verdict: Verdict::of(field_error_mm, field_error_u95_mm, tolerance_mm),
         warnings,
     })
+}
+
+/// What `p + P` says of the affine error `E`, with `H(p) = (1 + E)(M - P)`: regressed on 1 and `p`, to first order in `E`.
+struct Affine {
+    inverse: DMatrix<f64>,
+    beta: DVector<f64>,
+    squares: f64,
+    dof: f64,
+}
+
+impl Affine {
+    /// `None` where the places do not determine it.
+    fn fit(seen: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
+        if seen.len() < 4 {
+            return None;
+        }
+        let rows = 2 * seen.len();
+        let design = DMatrix::from_fn(rows, 6, |r, c| {
+            let p = seen[r / 2].0;
+            let own = [[1.0, 0.0, p.x, p.y, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0, p.x, p.y]];
+            own[r % 2][c]
+        });
+        let y = DVector::from_fn(rows, |r, _| (seen[r / 2].0 + seen[r / 2].1)[r % 2]);
+        let (inverse, rank) = least_squares::covariance(&design, 1e-7);
+        let beta = &inverse * design.tr_mul(&y);
+        let squares = (&y - &design * &beta).norm_squared();
+        (rank == 6).then_some(Self { inverse, beta, squares, dof: (rows - 6) as f64 })
+    }
+
+    fn variance(&self) -> f64 {
+        self.squares / self.dof
+    }
 }
 
 /// The verdict on all of several.

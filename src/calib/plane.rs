@@ -9,7 +9,7 @@ use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2};
 use serde::Serialize;
 
 use crate::calib::mark::{self, Sighting};
-use crate::camera::{Calibration, Lens, Mapping};
+use crate::camera::{Calibration, Lens, Mapping, light};
 use crate::error::{Error, Result};
 use crate::fit::least_squares;
 use crate::frame::{Channel, Frame, Picture};
@@ -96,12 +96,13 @@ pub struct Calibrated {
     pub calibration: Calibration,
 }
 
-/// Calibrates from the captures' pictures. Without a `lens` the camera is taken as free of distortion.
-pub fn calibrate(captures: &[Capture], lens: Option<&Lens>) -> Result<Calibrated> {
+/// Calibrates from the captures' pictures. Without a `lens` the camera is taken as free of distortion. `gamma` is the
+/// sensor's, 1 where counts are light.
+pub fn calibrate(captures: &[Capture], lens: Option<&Lens>, gamma: f64) -> Result<Calibrated> {
     enough(captures)?;
     let frames = captures
         .iter()
-        .map(|c| Ok(Picture::read(&c.path)?.into_frame(Channel::Auto)))
+        .map(|c| Ok(light(Picture::read(&c.path)?.into_frame(Channel::Auto), gamma)))
         .collect::<Result<Vec<Frame>>>()?;
     let (w, h) = (frames[0].width(), frames[0].height());
     let known = lens.map_or((w, h), |l| (l.width_px as usize, l.height_px as usize));
@@ -123,12 +124,11 @@ pub fn calibrate(captures: &[Capture], lens: Option<&Lens>) -> Result<Calibrated
     }
     let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
     let sightings = mark::find(&frames, &positions);
-    from_sightings(
-        captures,
-        &sightings,
-        &lens.cloned().unwrap_or_else(|| ideal(w, h)),
-        lens.is_some(),
-    )
+    let ideal = || ideal(w, h);
+    let lens_used = lens.cloned().unwrap_or_else(ideal);
+    let mut made = from_sightings(captures, &sightings, &lens_used, lens.is_some())?;
+    made.calibration.gamma = gamma;
+    Ok(made)
 }
 
 fn enough(captures: &[Capture]) -> Result<()> {
@@ -182,26 +182,14 @@ pub fn from_sightings(
         (normal.to_plane(pixel), captures[i].position_mm)
     };
     let mut fit = solve(&used, &place)?;
-    while used.len() > LEAST_POSITIONS + 1 {
-        let without = |i: usize| -> Option<Fit> {
-            let rest: Vec<usize> = used.iter().copied().filter(|&j| j != i).collect();
-            solve(&rest, &place).ok()
-        };
-        let best = used
-            .iter()
-            .filter_map(|&i| Some((i, without(i)?)))
-            .min_by(|a, b| a.1.variance.total_cmp(&b.1.variance));
-        match best {
-            Some((i, better)) if better.variance < fit.variance / ODD_ONE_OUT.powi(2) => {
-                warnings.push(format!(
-                    "{}: left out, it does not fit the others (position mistyped, or not the mark?)",
-                    captures[i].image
-                ));
-                used.retain(|&j| j != i);
-                fit = better;
-            }
-            _ => break,
-        }
+    let variance = |rest: &[usize]| solve(rest, &place).ok().map(|fit| fit.variance);
+    while let Some(odd) = odd_one_out(&used, variance) {
+        warnings.push(format!(
+            "{}: left out, it does not fit the others (position mistyped, or not the mark?)",
+            captures[odd].image
+        ));
+        used.retain(|&i| i != odd);
+        fit = solve(&used, &place)?;
     }
     let report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
     let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm: fit.homography() };
@@ -209,6 +197,20 @@ pub fn from_sightings(
         calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },
         report,
     })
+}
+
+/// The one without which the others fit far better, where there are enough of them to tell.
+pub fn odd_one_out(used: &[usize], variance: impl Fn(&[usize]) -> Option<f64>) -> Option<usize> {
+    if used.len() <= LEAST_POSITIONS + 1 {
+        return None;
+    }
+    let all = variance(used)?;
+    let without = |&i: &usize| {
+        let rest: Vec<usize> = used.iter().copied().filter(|&j| j != i).collect();
+        Some((i, variance(&rest)?))
+    };
+    let best = used.iter().filter_map(without).min_by(|a, b| a.1.total_cmp(&b.1));
+    best.filter(|(_, better)| *better < all / ODD_ONE_OUT.powi(2)).map(|(i, _)| i)
 }
 
 /// H's first two rows and columns, its last row's first two, and M.

@@ -117,16 +117,17 @@ struct Scale {
 }
 
 impl Lens {
-    /// The lens of a calibration file, with or without a plane.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+    /// The lens of a calibration file, with or without a plane, and its sensor's gamma.
+    pub fn read(path: impl AsRef<Path>) -> Result<(Self, f64)> {
         let path = path.as_ref();
         let file: File = tomlfile::read(path)?;
         let lens = file.camera.ok_or_else(|| {
             Error::field(path, None, "camera", "is missing", "give a file with [camera]")
         })?;
-        check_lens(&lens)
+        let gamma = check_lens(&lens)
+            .and_then(|()| checked_gamma(file.sensor))
             .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))?;
-        Ok(lens)
+        Ok((lens, gamma))
     }
 
     /// The lens alone as the text of a calibration file, for `calib plane` to complete.
@@ -224,14 +225,7 @@ impl Calibration {
         {
             return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
         }
-        let gamma = file.sensor.map_or(1.0, |s| s.gamma);
-        if !(GAMMAS.0..=GAMMAS.1).contains(&gamma) {
-            return Err((
-                "sensor.gamma",
-                format!("is {gamma}, a camera's lies between {} and {}", GAMMAS.0, GAMMAS.1),
-                "give 2.2 for pictures made to be looked at (sRGB), leave [sensor] out where counts are light",
-            ));
-        }
+        let gamma = checked_gamma(file.sensor)?;
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
     }
 
@@ -271,7 +265,7 @@ impl Calibration {
 
     /// The frame with counts that are light.
     pub fn linear(&self, frame: Frame) -> Frame {
-        if self.gamma == 1.0 { frame } else { frame.linear(self.gamma) }
+        light(frame, self.gamma)
     }
 
     /// As [`Calibration::view`]; the error names the picture too.
@@ -300,6 +294,25 @@ impl Calibration {
         }
         Ok(View::new(&self.mapping, width_px, height_px))
     }
+}
+
+/// The frame of a sensor of this gamma with counts that are light.
+pub fn light(frame: Frame, gamma: f64) -> Frame {
+    if gamma == 1.0 { frame } else { frame.linear(gamma) }
+}
+
+fn checked_gamma(
+    sensor: Option<Sensor>,
+) -> std::result::Result<f64, (&'static str, String, &'static str)> {
+    let gamma = sensor.map_or(1.0, |s| s.gamma);
+    if (GAMMAS.0..=GAMMAS.1).contains(&gamma) {
+        return Ok(gamma);
+    }
+    Err((
+        "sensor.gamma",
+        format!("is {gamma}, a camera's lies between {} and {}", GAMMAS.0, GAMMAS.1),
+        "give 2.2 for pictures made to be looked at (sRGB), leave [sensor] out where counts are light",
+    ))
 }
 
 fn check_lens(lens: &Lens) -> std::result::Result<(), (&'static str, String, &'static str)> {

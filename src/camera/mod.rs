@@ -4,6 +4,6 @@ mod calibration;
 mod identity;
 mod view;
 
-pub use calibration::{Calibration, Laser, Lens, Mapping};
+pub use calibration::{Calibration, Laser, Lens, Mapping, light};
 pub use identity::Identity;
 pub use view::View;

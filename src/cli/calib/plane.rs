@@ -35,8 +35,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut warnings = Vec::new();
     let captures = read_captures(&args.captures, &mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
-    let mut made =
-        plane::calibrate(&captures, lens.as_ref()).map_err(|e| e.in_file(&args.captures, None))?;
+    let (lens, gamma) = lens.map_or((None, 1.0), |(lens, gamma)| (Some(lens), gamma));
+    let mut made = plane::calibrate(&captures, lens.as_ref(), gamma)
+        .map_err(|e| e.in_file(&args.captures, None))?;
     made.report.warnings.splice(..0, warnings);
     let refused = made.report.orientation == Orientation::Mirrored && !args.mirrored;
     if let Some(path) = &args.write_calib {
