@@ -266,3 +266,35 @@ fn a_rod_job_measures_tables_of_captures() {
     assert!(dir.join("one/overlays/b.csv-6.png").is_file());
     assert!(rows[2]["reason"].as_str().is_some_and(|r| r.contains("y_mm")), "{}", rows[2]);
 }
+
+/// A camera that died while writing: the file is told once, and measured all the same when nothing more comes.
+#[test]
+fn a_watched_file_that_stays_cut_short_is_told_once_and_fails_with_its_reason() {
+    let dir = workshop(2);
+    let dir = dir.path();
+    let whole = std::fs::read(dir.join("in/p0000.png")).unwrap();
+    std::fs::write(dir.join("in/half.png"), &whole[..whole.len() / 2]).unwrap();
+    let args = ["batch", "in", "--job", "job.toml", "--out", "out", "--watch", "--settle-s", "0.1"];
+    let output =
+        pivotsight().current_dir(dir).args(args).args(["--idle-s", "0.8"]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(3), "{said}");
+    assert_eq!(said.matches("half.png: its end is missing").count(), 1, "{said}");
+    let rows = std::fs::read_to_string(dir.join("out/results.jsonl")).unwrap();
+    let failed = rows.lines().find(|l| l.contains("half.png")).unwrap();
+    assert!(failed.contains("cut short"), "{failed}");
+}
+
+#[test]
+fn results_never_replace_what_is_measured() {
+    let dir = workshop(1);
+    let dir = dir.path();
+    std::fs::create_dir_all(dir.join("out/overlays")).unwrap();
+    std::fs::copy(dir.join("in/p0000.png"), dir.join("out/overlays/p0000.png")).unwrap();
+    let args = ["batch", "out/overlays", "--job", "job.toml", "--out", "out"];
+    let output = pivotsight().current_dir(dir).args(args).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--out") && said.contains("p0000.png"), "{said}");
+    assert!(!dir.join("out/batch.json").exists());
+}

@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
 use super::input::{Item, Kind};
+use super::keys::Keys;
 use super::limits::{self, Limit, Limits};
 use super::run::{Measured, Overlay};
 use crate::camera::Calibration;
@@ -30,9 +31,9 @@ pub struct Job {
     /// Limits by key of the result.
     #[serde(default)]
     pub limits: Limits,
-    /// Where relative paths begin: the job file's folder.
+    /// The job file; relative paths begin at its folder.
     #[serde(skip)]
-    base: PathBuf,
+    file: PathBuf,
 }
 
 /// Which measurement, with its options.
@@ -88,7 +89,7 @@ impl Job {
                 );
             }
         }
-        job.base = path.parent().unwrap_or(Path::new("")).to_owned();
+        job.file = path.to_owned();
         Ok(job)
     }
 
@@ -111,22 +112,66 @@ impl Job {
 
     /// The calibration file.
     pub fn calib_path(&self) -> PathBuf {
-        self.base.join(&self.calib)
+        self.file.parent().unwrap_or(Path::new("")).join(&self.calib)
     }
 
     /// Checks the measurement's options and reads the calibration.
     pub fn prepare(&self) -> Result<Prepared<'_>> {
         match &self.measure {
-            Method::Burn(options) => burn::check(options)?,
-            Method::Circles(options) => circles::check(options)?,
-            Method::Rod(options) => rod::check(options)?,
+            Method::Burn(options) => burn::check(options),
+            Method::Circles(options) => circles::check(options),
+            Method::Rod(options) => rod::check(options),
         }
+        .map_err(|e| e.in_file(&self.file, None))?;
+        self.check_limits()?;
         let path = self.calib_path();
         Ok(Prepared {
             job: self,
             calibration: Calibration::read(&path)?,
             calib_sha256: hash::of_file(&path)?,
         })
+    }
+}
+
+impl Job {
+    /// A key that no result has is found before anything is measured.
+    fn check_limits(&self) -> Result<()> {
+        if self.limits.is_empty() {
+            return Ok(());
+        }
+        let keys = match &self.measure {
+            Method::Burn(_) => Keys::of::<burn::Report>(),
+            Method::Circles(_) => Keys::of::<circles::Report>(),
+            Method::Rod(_) => Keys::of::<rod::Report>(),
+        };
+        let wrong = |key: &String, reason: String, fix: String| {
+            Err(Error::field(&self.file, None, format!("limits.{key}"), reason, fix))
+        };
+        for key in self.limits.keys() {
+            if !keys.has(key) || key.starts_with("budget.") {
+                let fix = match keys.nearest(key) {
+                    Some(near) => format!("did you mean '{near}'?"),
+                    None => format!("`pivotsight schema {}` lists them", self.command()),
+                };
+                return wrong(key, format!("is no number of a {} result", self.command()), fix);
+            }
+            let mut parts = key.split('.');
+            if let (Method::Circles(o), Some(list), Some(Ok(i))) =
+                (&self.measure, parts.next(), parts.next().map(str::parse::<usize>))
+            {
+                let circles = o.expect_mm.len();
+                let most =
+                    if list == "pairs" { circles * circles.saturating_sub(1) / 2 } else { circles };
+                if i >= most {
+                    return wrong(
+                        key,
+                        format!("{circles} circles are expected, so {list} has {most}"),
+                        "count from 0".into(),
+                    );
+                }
+            }
+        }
+        Ok(())
     }
 }
 

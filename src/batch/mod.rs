@@ -7,6 +7,7 @@
 pub mod input;
 pub mod job;
 pub mod journal;
+mod keys;
 pub mod limits;
 mod run;
 mod tables;
@@ -25,9 +26,10 @@ pub use job::Job;
 pub use run::{Measured, Progress, Statistics};
 
 use crate::error::{Error, Result};
-use crate::output::{create_folder, write_streamed, write_whole};
+use crate::output::{create_folder, identity, write_streamed, write_whole};
 use crate::uncertainty::Verdict;
 use journal::{Entry, Journal};
+use watch::State;
 
 /// What to run and how.
 #[derive(Debug, Clone)]
@@ -88,8 +90,14 @@ pub struct Column {
     pub statistics: Statistics,
 }
 
-/// Measures everything `options.input` stands for. `progress` is called after every picture.
-pub fn run(job: &Job, options: &Options, progress: &(dyn Fn(Progress) + Sync)) -> Result<Summary> {
+/// Measures everything `options.input` stands for. `progress` is called after every picture, `say` with what a user should
+/// know meanwhile.
+pub fn run(
+    job: &Job,
+    options: &Options,
+    progress: &(dyn Fn(Progress) + Sync),
+    say: &dyn Fn(String),
+) -> Result<Summary> {
     let prepared = job.prepare()?;
     let identity = json!({
         "schema": "pivotsight.batch-job/1",
@@ -98,7 +106,7 @@ pub fn run(job: &Job, options: &Options, progress: &(dyn Fn(Progress) + Sync)) -
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
     });
-    run_with(options, job.kind(), &identity, &|item| prepared.measure(item), progress)
+    run_with(options, job.kind(), &identity, &|item| prepared.measure(item), progress, say)
 }
 
 fn run_with(
@@ -107,11 +115,16 @@ fn run_with(
     identity: &Value,
     measure: &(dyn Fn(&Item) -> Measured + Sync),
     progress: &(dyn Fn(Progress) + Sync),
+    say: &dyn Fn(String),
 ) -> Result<Summary> {
     let out = &options.out;
+    let listed = input::list(&options.input, kind);
     if options.watch.is_none() {
         // What holds nothing to measure is refused before anything is made.
-        input::list(&options.input, kind)?;
+        keep_apart(out, listed.as_deref().map_or(&[], |items| items))?;
+        listed?;
+    } else if let Ok(items) = listed {
+        keep_apart(out, &items)?;
     }
     create_folder(out)?;
     claim(options, identity)?;
@@ -134,15 +147,27 @@ fn run_with(
                 Err(Error::File { .. }) => Vec::new(), // nothing there yet
                 other => other?,
             };
-            let ready: Vec<&Item> = pending(&items, &journal)
-                .into_iter()
-                .filter(|item| settling.is_complete(&item.path))
-                .collect();
+            let idle = watch.idle.is_some_and(|idle| last.elapsed() >= idle);
+            let (mut ready, mut growing) = (Vec::new(), false);
+            for item in pending(&items, &journal) {
+                match settling.state(&item.path) {
+                    State::Complete => ready.push(item),
+                    State::Growing => growing = true,
+                    // Nothing more comes: it is a failure with its reason, not forgotten.
+                    State::CutShort { .. } if idle => ready.push(item),
+                    State::CutShort { news: false } => {}
+                    State::CutShort { news: true } => say(format!(
+                        "{}: its end is missing; waiting for it, {:.0} s at most",
+                        item.path.display(),
+                        settling.patience().as_secs_f64().ceil()
+                    )),
+                }
+            }
             if !ready.is_empty() {
                 run::run(&ready, &overlays, &journal, threads, measure, progress)?;
                 finish(options, &items, &journal, before)?;
                 last = Instant::now();
-            } else if watch.idle.is_some_and(|idle| last.elapsed() >= idle) {
+            } else if idle && !growing {
                 break;
             }
             std::thread::sleep(watch.settle.min(Duration::from_millis(200)));
@@ -165,6 +190,29 @@ fn run_with(
     })?;
     Ok(summary)
 }
+
+/// Refuses a folder for results in which they would replace what is measured, or be measured themselves later.
+fn keep_apart(out: &Path, items: &[Item]) -> Result<()> {
+    let here = identity(out);
+    let own = |item: &&Item| {
+        let place = identity(&item.path);
+        let folder = place.parent().unwrap_or(Path::new(""));
+        folder == here && FILES.iter().any(|f| place.file_name().is_some_and(|n| n == *f))
+            || folder == here.join(run::OVERLAYS)
+    };
+    match items.iter().find(own) {
+        None => Ok(()),
+        Some(item) => Err(Error::option(
+            "--out",
+            format!("the results would be written where '{}' is", item.path.display()),
+            "name another folder",
+        )),
+    }
+}
+
+/// What a batch writes into its folder.
+const FILES: [&str; 5] =
+    ["batch.json", "results.jsonl", "results.csv", "results.parquet", "summary.json"];
 
 /// Refuses to mix results of different jobs, and to touch results nobody asked to go on with.
 fn claim(options: &Options, identity: &Value) -> Result<()> {
@@ -317,7 +365,7 @@ mod tests {
             retry_failed: false,
             watch,
         };
-        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {})
+        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {}, &|_| {})
     }
 
     fn pictures(folder: &Path, n: usize) {

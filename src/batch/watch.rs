@@ -9,11 +9,32 @@ use std::time::{Duration, Instant, SystemTime};
 /// all the same, and so becomes a failure with its reason.
 const PATIENCE: u32 = 30;
 
+/// How far a file of a watched folder has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum State {
+    /// It changed a moment ago.
+    Growing,
+    /// It stays as it is, and its format's end is missing. To be told once.
+    CutShort {
+        /// It has not been told yet.
+        news: bool,
+    },
+    /// It may be measured.
+    Complete,
+}
+
 /// Remembers when each file last changed.
 #[derive(Debug)]
 pub struct Settling {
     settle: Duration,
-    seen: HashMap<PathBuf, (u64, Option<SystemTime>, Instant)>,
+    seen: HashMap<PathBuf, Seen>,
+}
+
+#[derive(Debug)]
+struct Seen {
+    size_and_time: (u64, Option<SystemTime>),
+    since: Instant,
+    told: bool,
 }
 
 impl Settling {
@@ -22,21 +43,31 @@ impl Settling {
         Self { settle, seen: HashMap::new() }
     }
 
-    /// Whether the file is complete now. To be asked again and again.
-    pub fn is_complete(&mut self, path: &Path) -> bool {
-        let Ok(meta) = std::fs::metadata(path) else { return false };
+    /// How far the file has come now. To be asked again and again.
+    pub fn state(&mut self, path: &Path) -> State {
+        let Ok(meta) = std::fs::metadata(path) else { return State::Growing };
         let now = (meta.len(), meta.modified().ok());
-        let entry = self.seen.entry(path.to_owned()).or_insert((now.0, now.1, Instant::now()));
-        if (entry.0, entry.1) != now {
-            *entry = (now.0, now.1, Instant::now());
+        let new = || Seen { size_and_time: now, since: Instant::now(), told: false };
+        let entry = self.seen.entry(path.to_owned()).or_insert_with(new);
+        if entry.size_and_time != now {
+            *entry = new();
         }
-        let quiet = entry.2.elapsed();
-        let complete = quiet >= self.settle && has_end(path).unwrap_or(false)
-            || quiet >= self.settle * PATIENCE;
-        if complete {
-            self.seen.remove(path);
+        let quiet = entry.since.elapsed();
+        if quiet < self.settle {
+            return State::Growing;
         }
-        complete
+        // What cannot be opened is measured, and so told.
+        if !has_end(path).unwrap_or(true) && quiet < self.settle * PATIENCE {
+            let news = !std::mem::replace(&mut entry.told, true);
+            return State::CutShort { news };
+        }
+        self.seen.remove(path);
+        State::Complete
+    }
+
+    /// How long a file that is cut short is waited for.
+    pub fn patience(&self) -> Duration {
+        self.settle * PATIENCE
     }
 }
 
@@ -70,12 +101,13 @@ mod tests {
         let mut settling = Settling::new(settle);
         let body = b"\x89PNG\r\n\x1a\nxxxxxxxxxxxxxxxxxxxx";
         std::fs::write(&path, body).unwrap();
-        assert!(!settling.is_complete(&path));
+        assert_eq!(settling.state(&path), State::Growing);
         std::thread::sleep(settle * 2);
-        assert!(!settling.is_complete(&path), "the end mark is missing");
+        assert_eq!(settling.state(&path), State::CutShort { news: true });
+        assert_eq!(settling.state(&path), State::CutShort { news: false });
         std::fs::write(&path, [&body[..], b"\0\0\0\0IEND\xaeB`\x82"].concat()).unwrap();
-        assert!(!settling.is_complete(&path), "it has just changed");
+        assert_eq!(settling.state(&path), State::Growing, "it has just changed");
         std::thread::sleep(settle * 2);
-        assert!(settling.is_complete(&path));
+        assert_eq!(settling.state(&path), State::Complete);
     }
 }

@@ -77,6 +77,7 @@ pub struct Plan {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let job = Job::read(&args.job)?;
+    global.reads(&args.job, [job.calib_path()])?;
     if args.dry_run {
         return dry_run(args, &job);
     }
@@ -104,7 +105,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         watch,
     };
     let bar = Bar::new(global);
-    let summary = batch::run(&job, &options, &|p| bar.show(p))?;
+    let summary = batch::run(&job, &options, &|p| bar.show(p), &|news| global.say(news))?;
     bar.end();
     let (_, calibration) = Calibration::identified(job.calib_path())?;
     let done = Done { calibration, summary };
