@@ -9,6 +9,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use crate::cli::{Global, Outcome, Status, result, rows};
+use crate::diagnose::data::of_model;
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::diagnose::data::{angle_warning, length_warning};
 use crate::diagnose::generic::range;
@@ -197,7 +198,8 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         let entries = own::of_machine(machine, "rtcp");
         let mut more = Vec::new();
         let experiment = own::around(machine, &args.machine, entries, |rest| {
-            Ok(Box::new(RtcpExperiment::from_table(&sweep.table, rest, &mut more)?))
+            let made = RtcpExperiment::from_table(&sweep.table, rest, &mut more);
+            Ok(Box::new(made.map_err(|e| of_model(e, &args.machine))?))
         })?;
         more.retain(|w| !warnings.contains(w));
         warnings.extend(more);

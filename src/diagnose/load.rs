@@ -6,6 +6,7 @@ use clap::ValueEnum;
 
 use crate::camera::Calibration;
 use crate::diagnose::data::columns::ColumnsExperiment;
+use crate::diagnose::data::of_model;
 use crate::diagnose::data::rod::RodExperiment;
 use crate::diagnose::data::rtcp::RtcpExperiment;
 use crate::diagnose::experiment::Experiment;
@@ -68,7 +69,10 @@ impl Source {
         of_machine.retain(|e| !entries.iter().any(|o| o.name == e.name));
         entries.extend(of_machine);
         let path = self.effects.as_ref().or(self.model.as_ref()).unwrap_or(&self.data);
-        own::around(&machine, path, entries, |rest| self.library(rest, warnings))
+        own::around(&machine, path, entries, |rest| {
+            let model = self.model.as_deref().unwrap_or(&self.data);
+            self.library(rest, warnings).map_err(|e| of_model(e, model))
+        })
     }
 
     /// The experiment with the library alone.

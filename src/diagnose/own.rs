@@ -217,8 +217,8 @@ impl OwnEffects {
             let Some(at) = entries.iter().position(|e| e.name == effect.name) else { continue };
             if !effect.parameters.keys().eq(entries[at].parameters.keys()) {
                 let names: Vec<&str> = entries[at].parameters.keys().map(String::as_str).collect();
-                return Err(Error::option(
-                    format!("--model: effects '{}'", effect.name),
+                return Err(Error::measure(
+                    format!("{}: effects '{}'", path.display(), effect.name),
                     format!("takes the parameters {}", names.join(", ")),
                     "correct its parameters",
                 ));

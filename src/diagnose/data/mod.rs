@@ -9,9 +9,9 @@ pub mod thermal;
 
 use std::collections::HashMap;
 
-use crate::diagnose::effects::Library;
+use crate::diagnose::effects::{Library, NAMES};
 use crate::diagnose::experiment::Active;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, nearest};
 use crate::machine::Machine;
 use crate::table::Table;
 
@@ -133,6 +133,16 @@ pub fn need_head_b_table_c(kind: &str, machine: &Machine) -> Result<()> {
     ))
 }
 
+/// An error of [`known_effects`] with the name of the model file; any other as it is.
+pub fn of_model(error: Error, path: &std::path::Path) -> Error {
+    match &error {
+        Error::Measure { subject, .. } if subject.starts_with("effects") => {
+            error.in_file(path, None)
+        }
+        _ => error,
+    }
+}
+
 /// The effects that the model file already has, as far as this kind of data knows them.
 pub fn known_effects<C, E: Clone + Default>(
     library: &Library<C, E>,
@@ -142,6 +152,16 @@ pub fn known_effects<C, E: Clone + Default>(
     let mut known = Vec::new();
     for effect in &machine.effects {
         if !library.infos.iter().any(|i| i.name == effect.name) {
+            // One with formulas has whatever name its owner gave it.
+            let anothers = NAMES.contains(&effect.name.as_str()) || !effect.outputs.is_empty();
+            let misspelt = if anothers { None } else { nearest(&effect.name, NAMES) };
+            if let Some(name) = misspelt {
+                return Err(Error::measure(
+                    format!("effects: name = \"{}\"", effect.name),
+                    "is not the name of an effect",
+                    format!("did you mean '{name}'?"),
+                ));
+            }
             warnings.push(format!(
                 "the model's effect '{}' does not touch this kind of data",
                 effect.name
@@ -149,11 +169,7 @@ pub fn known_effects<C, E: Clone + Default>(
             continue;
         }
         let active = library.resolve(&effect.name, &effect.parameters).map_err(|reason| {
-            Error::option(
-                format!("--model: effects '{}'", effect.name),
-                reason,
-                "correct its parameters",
-            )
+            Error::measure(format!("effects '{}'", effect.name), reason, "correct its parameters")
         })?;
         if let Some(why) = &library.infos[active.effect].untestable {
             warnings.push(format!(
