@@ -223,3 +223,21 @@ fn bad_input_is_named_and_measures_nothing() {
         assert!(out.stdout.is_empty());
     }
 }
+
+#[test]
+fn a_copied_run_counts_once_and_is_told() {
+    let header = "angle_deg,deviation_mm,run\n".to_owned();
+    let rows = |run: &str, values: [&str; 5]| -> String {
+        let row = |(i, v): (usize, &&str)| format!("{},{v},{run}\n", 10 * i);
+        values.iter().enumerate().map(row).collect()
+    };
+    let first = rows("a", ["0.001", "0.011", "0.019", "0.032", "0.041"]);
+    let second = ["0.003", "0.010", "0.022", "0.030", "0.040"];
+    let two = header + &first + &rows("b", second);
+    let three = format!("{two}{}", rows("c", second));
+    let (two, three) = (sweep(&two), sweep(&three));
+    assert!(two.warnings.is_empty());
+    assert!(three.warnings[0].contains("run 'c'") && three.warnings[0].contains("run 'b'"));
+    let noise = |s: &Sweep| (s.noise(None).reading_mm, s.groups[2].mean_mm, s.groups[2].readings);
+    assert_eq!(noise(&two), noise(&three));
+}

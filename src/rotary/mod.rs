@@ -5,6 +5,7 @@
 //! `comp_new = comp_old - ε`: a positive entry adds to the commanded angle. `L` is measured, never assumed:
 //! the rounded shop rule "0.01 mm = 0.001°" holds at L = 573 mm only.
 
+mod copies;
 pub mod curve;
 pub mod export;
 mod report;
@@ -99,7 +100,7 @@ impl Options {
 /// Turns a sweep of deviations into angle errors and a new table.
 pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
     options.validate()?;
-    let mut warnings = Vec::new();
+    let mut warnings = sweep.warnings.clone();
     let length = options.pivot_mm;
     if let Some(bad) = sweep.groups.iter().find(|g| g.mean_mm.abs() > 0.1 * length) {
         return Err(Error::measure(

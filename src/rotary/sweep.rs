@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::Options;
+use super::{Options, copies};
 use crate::error::{Error, Result};
 use crate::table::Table;
 use crate::uncertainty::k95;
@@ -56,6 +56,8 @@ pub struct Group {
 pub struct Sweep {
     /// One for each angle and direction, by rising angle.
     pub groups: Vec<Group>,
+    /// What was left out.
+    pub warnings: Vec<String>,
     noise: Noise,
 }
 
@@ -108,7 +110,8 @@ impl Sweep {
         let mut by_place: BTreeMap<(i64, Option<Direction>), usize> = BTreeMap::new();
         let mut groups: Vec<Group> = Vec::new();
         let mut readings = Vec::new();
-        for row in 0..table.rows() {
+        let (rows, warnings) = copies::runs_once(table);
+        for row in rows {
             let angle = table.number(row, "angle_deg")?;
             if angle.abs() > 36_000.0 {
                 return Err(table.error(
@@ -159,7 +162,7 @@ impl Sweep {
         groups.iter_mut().for_each(|g| g.mean_mm /= g.readings as f64);
         let noise = estimate_noise(&groups, &readings);
         groups.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg).then(a.dir.cmp(&b.dir)));
-        Ok(Self { groups, noise })
+        Ok(Self { groups, warnings, noise })
     }
 
     /// The noise of a reading: the user's figure if there is one.

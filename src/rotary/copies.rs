@@ -1,0 +1,58 @@
+//! A run of a sweep that is a copy of another one counts once: it would make the noise seem smaller.
+
+use std::collections::BTreeMap;
+
+use crate::table::Table;
+
+/// Fewest readings that can show a copy: of fewer, all may be alike by chance.
+const LEAST_READINGS: usize = 4;
+
+/// What a run reads at each place.
+type Readings = BTreeMap<Vec<String>, String>;
+
+/// The rows that count, and what the others are. Without a column `run` the n-th readings of all places are a run. Where all
+/// runs are alike the indicator may be too coarse to tell them apart: they stay, and the noise says so.
+pub fn runs_once(table: &Table) -> (Vec<usize>, Vec<String>) {
+    let mut runs: Vec<((String, usize), Readings, Vec<usize>)> = Vec::new();
+    let mut times = BTreeMap::new();
+    for row in 0..table.rows() {
+        let run = table.text(row, "run").to_owned();
+        let (mut place, mut reading) = (Vec::new(), String::new());
+        for (name, text) in table.cells(row) {
+            match name {
+                "deviation_mm" => reading = text,
+                "angle_deg" | "dir" => place.push(text),
+                _ => {}
+            }
+        }
+        let nth = times.entry((run.clone(), place.clone())).or_insert(0);
+        *nth += 1;
+        let label = (run, *nth);
+        let at = runs.iter().position(|r| r.0 == label).unwrap_or_else(|| {
+            runs.push((label, Readings::new(), Vec::new()));
+            runs.len() - 1
+        });
+        runs[at].1.insert(place, reading);
+        runs[at].2.push(row);
+    }
+    let (mut left_out, mut warnings) = (Vec::new(), Vec::new());
+    for (i, (label, readings, rows)) in runs.iter().enumerate() {
+        let same = runs[..i].iter().find(|other| other.1 == *readings);
+        let tells = runs.iter().any(|r| r.1 != *readings && r.1.keys().eq(readings.keys()));
+        if let Some((first, ..)) = same.filter(|_| tells && readings.len() >= LEAST_READINGS) {
+            let name = |l: &(String, usize)| match l.0.as_str() {
+                "" => format!("{}", l.1),
+                run => format!("'{run}'"),
+            };
+            left_out.extend(rows);
+            warnings.push(format!(
+                "{}: run {} left out, it reads as run {} at all {} places: a copy counts once",
+                table.path().display(),
+                name(label),
+                name(first),
+                readings.len()
+            ));
+        }
+    }
+    ((0..table.rows()).filter(|row| !left_out.contains(row)).collect(), warnings)
+}
