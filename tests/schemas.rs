@@ -109,6 +109,20 @@ fn every_output_keeps_its_schema() {
             "/pairs/0/zone_mm",
         ],
     );
+    std::fs::create_dir(dir.join("shots")).unwrap();
+    let burn = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/burn-clean/burn-0001.png");
+    std::fs::copy(burn, dir.join("shots/1.png")).unwrap();
+    write("at.csv", "x_mm,y_mm\n10,20\n");
+    check(
+        "capture shots --store stored --positions at.csv",
+        &["/manifest", "/results/0/image", "/results/0/x_mm", "/received"],
+    );
+    check(
+        &format!(
+            "center shots --calib {burns}/calib.toml --diameter-mm 5.75 --u95-mm 1 --at 1,2 --store kept --timeout-s 20"
+        ),
+        &["/offset_mm/1", "/move_mm/1", "/verdict", "/center_machine_mm/1", "/stored"],
+    );
     let rods = "{root}/images/rod-typical";
     check(
         &format!("rod {rods}/rod-0001.csv --calib {rods}/calib.toml --points points.csv"),

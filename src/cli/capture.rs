@@ -3,9 +3,7 @@
 use std::io::BufRead;
 use std::path::PathBuf;
 
-use serde_json::json;
-
-use super::{Global, Outcome, envelope};
+use super::{Global, Outcome, result, rows};
 use crate::error::{Error, Result};
 use crate::live::store::{Position, Store};
 use crate::live::{Event, Feed, Shot};
@@ -29,6 +27,30 @@ pub struct Args {
     timeout_s: f64,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// The table of all captures of the folder.
+    manifest: PathBuf,
+    /// What was added.
+    results: Vec<Captured>,
+    /// Frames that came.
+    received: u64,
+    /// Of these, frames that a newer one replaced before they were looked at.
+    dropped: u64,
+    /// How often the source was lost and came back.
+    reconnects: u64,
+}
+
+/// A picture with the machine's position.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Captured {
+    image: String,
+    x_mm: f64,
+    y_mm: f64,
+    c_deg: f64,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut feed = Feed::open(&args.source)?;
@@ -37,12 +59,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut line = || -> Result<Option<String>> {
         lines.next().transpose().map_err(|e| Error::io("standard input", "read", e))
     };
-    let mut rows = Vec::new();
+    let mut results = Vec::new();
     let mut take = |feed: &mut Feed, at: Position| -> Result<bool> {
         let Some(shot) = picture(feed, args.timeout_s, global)? else { return Ok(false) };
         let name = store.add(&shot, at)?;
         global.say(format_args!("{name}  X {} Y {} C {}", at.x_mm, at.y_mm, at.c_deg));
-        rows.push(json!({"image": name, "x_mm": at.x_mm, "y_mm": at.y_mm, "c_deg": at.c_deg}));
+        results.push(Captured { image: name, x_mm: at.x_mm, y_mm: at.y_mm, c_deg: at.c_deg });
         Ok(true)
     };
     match &args.positions {
@@ -78,14 +100,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
     }
     let stats = feed.stats();
-    let mut json = envelope("capture", &args.source, &[]);
-    json.insert("manifest".into(), json!(store.manifest()));
-    json.insert("results".into(), rows.clone().into());
-    json.insert("received".into(), stats.received.into());
-    json.insert("dropped".into(), stats.dropped.into());
-    json.insert("reconnects".into(), stats.reconnects.into());
-    let table = format!("{}: {} captures added\n", store.manifest().display(), rows.len());
-    Ok(Outcome::good(Document { json: json.into(), rows, table }))
+    let table = format!("{}: {} captures added\n", store.manifest().display(), results.len());
+    let output = Output {
+        manifest: store.manifest(),
+        results,
+        received: stats.received,
+        dropped: stats.dropped,
+        reconnects: stats.reconnects,
+    };
+    let json = result("capture", &args.source, &[], &output);
+    Ok(Outcome::good(Document { json, rows: rows(&output.results), table }))
 }
 
 /// A whole picture that came after now; `None` at the source's end.

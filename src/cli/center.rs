@@ -4,11 +4,8 @@ use std::io::{IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use serde_json::json;
-
 use super::outfiles::OutFile;
-use super::pictures::keys;
-use super::{Global, Outcome, Status, envelope};
+use super::{Global, Outcome, Status, result};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
@@ -50,6 +47,19 @@ pub struct Args {
     at: Option<String>,
 }
 
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output<'r> {
+    #[serde(flatten)]
+    report: &'r Report,
+    /// Where the machine has to be for the laser (the camera, where no laser offset is known) to be over the centre.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    center_machine_mm: Option<[f64; 2]>,
+    /// The picture stored.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    stored: Option<String>,
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if !(args.timeout_s.is_finite() && args.timeout_s > 0.0 && args.timeout_s < 1e7) {
@@ -88,24 +98,21 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             args.u95_mm
         ));
     }
-    let mut json = envelope("center", &args.source, &warnings);
-    json.extend(keys(report, &args.source)?);
-    if let Some(at) = at {
+    let there = at.map(|at| {
         let laser = calibration.laser.as_ref();
-        let there = crate::calib::laser::machine_mm(
-            [at.x_mm, at.y_mm].into(),
-            report.offset_mm.into(),
-            laser,
-        );
-        json.insert("center_machine_mm".into(), json!([there.x, there.y]));
-        if let Some(store) = &mut store {
-            json.insert("stored".into(), store.add(&made.shot, at)?.into());
-        }
-    }
+        let from = [at.x_mm, at.y_mm].into();
+        crate::calib::laser::machine_mm(from, report.offset_mm.into(), laser).into()
+    });
+    let stored = match (at, &mut store) {
+        (Some(at), Some(store)) => Some(store.add(&made.shot, at)?),
+        _ => None,
+    };
+    let output = Output { report, center_machine_mm: there, stored };
+    let json = result("center", &args.source, &warnings, &output);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let status =
         if report.verdict == Verdict::Pass { Status::Good } else { Status::OutOfTolerance };
-    Ok(Outcome { document: Some(Document::single(json.into(), table(report))), status })
+    Ok(Outcome { document: Some(Document::single(json, table(report))), status })
 }
 
 /// One line that is written over and over on a terminal; news stays.

@@ -33,6 +33,8 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("calib-laser", |g| g.root_schema_for::<calib::laser::Report>()),
     ("calib-plane", |g| g.root_schema_for::<calib::plane::Report>()),
     ("calib-target", |g| g.root_schema_for::<super::calib::target::Output>()),
+    ("capture", |g| g.root_schema_for::<super::capture::Output>()),
+    ("center", |g| g.root_schema_for::<super::center::Output>()),
     ("circles", |g| g.root_schema_for::<Pictures<circles::Report>>()),
     ("config", |g| g.root_schema_for::<super::config::Output>()),
     ("demo", |g| g.root_schema_for::<demo::Report>()),

@@ -46,7 +46,7 @@ pub struct Options {
 }
 
 /// Where the centre is and what to do about it.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct Report {
     /// Centre seen from the camera axis, in the plane.
     pub offset_mm: [f64; 2],
