@@ -75,6 +75,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         calib: args.calib.clone(),
         effects: args.effects.clone(),
     };
+    if let Some(folder) = &args.report {
+        global.makes("--report", folder, ["index.html"])?;
+    }
     let mut warnings = Vec::new();
     let experiment = source.load(&mut warnings)?;
     let input = args.data.display().to_string();

@@ -74,6 +74,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(dir) = &args.dir {
+        global.makes("--dir", dir, made.files.iter().map(|(name, _)| name))?;
         for (name, text) in &made.files {
             global.write_into(dir, name, text.as_bytes())?;
         }

@@ -47,6 +47,8 @@ const IN_PLACE: [&str; 2] = ["calib", "write_calib"];
 pub struct Files {
     /// By option.
     planned: Vec<Named>,
+    /// What is read: files by identity, and who names them.
+    read: Mutex<Vec<(PathBuf, String)>>,
     /// Complete, not yet in their places.
     complete: Mutex<(Together, Vec<PathBuf>)>,
 }
@@ -87,6 +89,14 @@ impl Files {
                 read.extend(paths.map(|p| named(p)));
             }
         }
+        if let Some(odd) = planned.iter().chain(&read).find(|n| n.path.to_str().is_none()) {
+            // Results name their files, and JSON is UTF-8.
+            return Err(Error::option(
+                &odd.shown,
+                format!("'{}' is not a name in UTF-8", odd.path.display()),
+                "give the file another name",
+            ));
+        }
         for (i, output) in planned.iter().enumerate() {
             let same =
                 |other: &&Named| output.identity.is_some() && other.identity == output.identity;
@@ -102,24 +112,26 @@ impl Files {
                 check_writable(&output.path)?;
             }
         }
-        Ok(Self { planned, complete: Mutex::default() })
+        let named = |r: Named| Some((r.identity?, format!("what {} names", r.shown)));
+        let read = Mutex::new(read.into_iter().filter_map(named).collect());
+        Ok(Self { planned, read, complete: Mutex::default() })
     }
 
     /// Completes a file.
     pub fn add(&self, path: &Path, bytes: &[u8]) -> Result<()> {
-        self.lock().0.add(path, bytes)
+        lock(&self.complete).0.add(path, bytes)
     }
 
     /// Puts what is complete in its place; the paths of what a command wrote beside its result.
     pub fn publish(&self) -> Result<Vec<PathBuf>> {
-        let (together, paths) = std::mem::take(&mut *self.lock());
+        let (together, paths) = std::mem::take(&mut *lock(&self.complete));
         together.publish().map(|()| paths)
     }
+}
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, (Together, Vec<PathBuf>)> {
-        // What a thread that broke had added is complete all the same.
-        self.complete.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
-    }
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    // What a thread that broke had added is complete all the same.
+    mutex.lock().unwrap_or_else(std::sync::PoisonError::into_inner)
 }
 
 /// An output that would replace something.
@@ -147,15 +159,41 @@ impl Global {
         table: &Path,
         paths: impl IntoIterator<Item = P>,
     ) -> Result<()> {
-        if self.files.planned.is_empty() {
-            return Ok(());
-        }
+        let mut read = lock(&self.files.read);
         for path in paths {
             let identity = identity(path.as_ref());
+            let who = format!("one that '{}' names", table.display());
             if let Some(output) =
                 self.files.planned.iter().find(|o| o.identity.as_ref() == Some(&identity))
             {
-                return Err(one_file(output, &format!("one that '{}' names", table.display())));
+                return Err(one_file(output, &who));
+            }
+            read.push((identity, who));
+        }
+        Ok(())
+    }
+
+    /// Refuses files to be written into the folder that `option` gives where they would replace what is read, or what another
+    /// option writes; before anything is measured, and after [`Global::reads`].
+    pub fn makes(
+        &self,
+        option: &str,
+        folder: &Path,
+        names: impl IntoIterator<Item = impl AsRef<Path>>,
+    ) -> Result<()> {
+        let read = lock(&self.files.read);
+        for name in names {
+            let path = folder.join(name);
+            let own = identity(&path);
+            let planned = self.files.planned.iter().filter(|o| o.identity.as_ref() == Some(&own));
+            let mut written = planned.map(|o| format!("what {} writes", o.shown));
+            let named = read.iter().find(|(r, _)| *r == own).map(|(_, who)| who.clone());
+            if let Some(who) = named.or_else(|| written.next()) {
+                return Err(Error::option(
+                    option,
+                    format!("'{}' would replace {who}", path.display()),
+                    "give another folder",
+                ));
             }
         }
         Ok(())
@@ -163,7 +201,7 @@ impl Global {
 
     /// Writes a file beside the result: it appears once the command has ended well.
     pub fn write(&self, path: impl AsRef<Path>, bytes: &[u8]) -> Result<()> {
-        let mut complete = self.files.lock();
+        let mut complete = lock(&self.files.complete);
         complete.0.add(&path, bytes)?;
         complete.1.push(path.as_ref().to_owned());
         Ok(())
@@ -171,6 +209,7 @@ impl Global {
 
     /// As [`Global::write`], into a folder that is created where it is missing.
     pub fn write_into(&self, folder: &Path, name: &str, bytes: &[u8]) -> Result<PathBuf> {
+        self.makes("DIR", folder, [name])?;
         create_folder(folder)?;
         let path = folder.join(name);
         self.write(&path, bytes)?;

@@ -101,10 +101,11 @@ pub fn run(
     global: &Global,
     job: impl Fn(&Path) -> Result<Shown> + Sync,
 ) -> Result<Outcome> {
+    let names = overlay_names(images);
     if let Some(folder) = overlay {
+        global.makes("--overlay", folder, &names)?;
         create_folder(folder)?;
     }
-    let names = overlay_names(images);
     let one = |(image, name): (&PathBuf, &String)| -> Result<Shown> {
         let mut shown = job(image)?;
         if let (Some(folder), Some(png)) = (overlay, shown.overlay.take()) {

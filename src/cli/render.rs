@@ -135,11 +135,16 @@ fn burns(wish: &Wish, global: &Global) -> Result<Vec<Burn>> {
     for number in 1..=wish.count {
         let made =
             burn::render_with(&scene, &camera, wish.seed.wrapping_add(u64::from(number) - 1))?;
+        let name = format!("burn-{number:04}");
+        let image = format!("{name}.png");
+        global.makes(
+            "--out-dir",
+            &wish.out_dir,
+            ["calib.toml".into(), image.clone(), truth_name(&name)],
+        )?;
         if number == 1 {
             write_calibration(&wish.out_dir, &camera)?;
         }
-        let name = format!("burn-{number:04}");
-        let image = format!("{name}.png");
         made.picture.write_png(wish.out_dir.join(&image))?;
         let truth = write_truth(&wish.out_dir, &name, &image, "burn", made.truth)?;
         global.say(format_args!("{image}"));
@@ -159,10 +164,12 @@ fn rods(wish: &Wish, global: &Global) -> Result<Vec<(Rod, usize)>> {
     for number in 1..=wish.count {
         let made =
             rod::render_with(&scene, &camera, wish.seed.wrapping_add(u64::from(number) - 1))?;
+        let name = format!("rod-{number:04}");
+        let names = ["calib.toml".into(), format!("{name}.csv"), truth_name(&name)];
+        global.makes("--out-dir", &wish.out_dir, names)?;
         if number == 1 {
             write_calibration(&wish.out_dir, &camera)?;
         }
-        let name = format!("rod-{number:04}");
         let table = made.write(&wish.out_dir, &name)?;
         let truth = write_truth(&wish.out_dir, &name, &table, "rod", made.truth)?;
         global.say(format_args!("{table}"));
@@ -177,6 +184,10 @@ fn write_calibration(folder: &Path, camera: &Camera) -> Result<()> {
     write_whole(folder.join("calib.toml"), camera.calibration.to_toml().as_bytes())
 }
 
+fn truth_name(name: &str) -> String {
+    format!("{name}.truth.json")
+}
+
 /// Writes `NAME.truth.json` and hands back what it holds.
 fn write_truth<T: Serialize>(
     folder: &Path,
@@ -187,7 +198,7 @@ fn write_truth<T: Serialize>(
 ) -> Result<Truth<T>> {
     let schema = format!("pivotsight.truth-{kind}/1");
     let truth = Truth { schema, of: of.into(), calib: "calib.toml", truth };
-    let path = folder.join(format!("{name}.truth.json"));
+    let path = folder.join(truth_name(name));
     let text = serde_json::to_string_pretty(&truth).map_err(|e| {
         Error::file(&path, format!("cannot be written as JSON: {e}"), "report this")
     })?;

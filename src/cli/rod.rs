@@ -71,6 +71,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut warnings = Vec::new();
     let captures = read_captures(&args.captures, &mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
+    if let Some(folder) = &args.overlay {
+        global.makes("--overlay", folder, overlay_names(&captures))?;
+    }
     let mut measured = rod::measure(&captures, &calibration, &options)
         .map_err(|e| e.in_file(&args.captures, None))?;
     if let Some(path) = &args.points {
@@ -123,18 +126,26 @@ fn overlays(
     channel: Channel,
 ) -> Result<Vec<PathBuf>> {
     create_folder(folder)?;
-    let (mut taken, mut paths) = (HashSet::new(), Vec::new());
     let drawn = draw::rod_captures(captures, calibration, measured, channel)?;
-    for (index, (capture, png)) in captures.iter().zip(drawn).enumerate() {
+    let write = |(name, png): (String, Vec<u8>)| {
+        let path = folder.join(name);
+        write_whole(&path, &png)?;
+        Ok(path)
+    };
+    overlay_names(captures).into_iter().zip(drawn).map(write).collect()
+}
+
+fn overlay_names(captures: &[Capture]) -> Vec<String> {
+    let mut taken = HashSet::new();
+    let name = |(index, capture): (usize, &Capture)| {
         let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
-        let mut name = format!("{stem}.overlay.png");
-        if !taken.insert(name.clone()) {
-            name = format!("{stem}-{}.overlay.png", index + 1);
+        let name = format!("{stem}.overlay.png");
+        match taken.insert(name.clone()) {
+            true => name,
+            false => format!("{stem}-{}.overlay.png", index + 1),
         }
-        paths.push(folder.join(name));
-        write_whole(&paths[index], &png)?;
-    }
-    Ok(paths)
+    };
+    captures.iter().enumerate().map(name).collect()
 }
 
 fn table(r: &Report) -> String {

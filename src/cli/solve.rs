@@ -26,7 +26,8 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let session = Session::read(&args.session)?;
-    let solved = solve(&session.readings)?;
+    global.reads(&args.session, &session.files)?;
+    let solved = solve(&session.readings).map_err(|e| e.in_file(&args.session, None))?;
     let machine = solved.machine(&session.name, session.c_sense, session.standoff_mm.value);
     let mut warnings = session.warnings.clone();
     warnings.extend(doubts(&solved));

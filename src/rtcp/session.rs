@@ -1,7 +1,7 @@
 //! The session file: everything read at the machine on the way from the burn test to the control's
 //! values.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
@@ -52,6 +52,8 @@ pub struct Session {
     pub control: Option<Machine>,
     /// What had to be assumed.
     pub warnings: Vec<String>,
+    /// The files the session file names.
+    pub files: Vec<PathBuf>,
 }
 
 impl Session {
@@ -60,8 +62,14 @@ impl Session {
         let path = path.as_ref();
         let file: File = tomlfile::read(path)?;
         let mut reader = Reader { path, warnings: Vec::new() };
+        let named = [
+            file.burn.as_ref().and_then(|b| b.result.as_ref()),
+            file.rod.result.as_ref(),
+            file.control.as_ref().and_then(|c| c.machine.as_ref()),
+        ];
+        let files = named.into_iter().flatten().map(|f| reader.beside(f)).collect();
         let session = reader.session(file)?;
-        Ok(Self { warnings: reader.warnings, ..session })
+        Ok(Self { warnings: reader.warnings, files, ..session })
     }
 }
 
@@ -121,6 +129,7 @@ impl Reader<'_> {
             limits,
             control,
             warnings: Vec::new(),
+            files: Vec::new(),
         })
     }
 
