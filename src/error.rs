@@ -66,12 +66,14 @@ pub enum Error {
 /// What helps against a system error.
 fn remedy(path: &Path, error: &std::io::Error) -> String {
     use std::io::ErrorKind::{
-        FileTooLarge, IsADirectory, NotFound, PermissionDenied, QuotaExceeded, StorageFull,
+        AlreadyExists, FileTooLarge, IsADirectory, NotADirectory, NotFound, PermissionDenied,
+        QuotaExceeded, StorageFull,
     };
     match error.kind() {
         NotFound => missing(path),
         PermissionDenied => "ask for the rights to it, or give another name".into(),
         IsADirectory => "give a file, this is a folder".into(),
+        AlreadyExists | NotADirectory => "a file is where a folder is due; correct the path".into(),
         StorageFull | QuotaExceeded | FileTooLarge => "make room, then run this again".into(),
         _ => "see that the disk is well, then run this again".into(),
     }

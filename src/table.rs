@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, nearest};
 
 /// The most rows a table may have; a guard against feeding the wrong file.
 const MAX_ROWS: usize = 20_000_000;
@@ -65,13 +65,18 @@ impl Table {
         for (i, name) in names.iter().enumerate() {
             let known = required.iter().chain(optional).any(|k| matches(k, name));
             if !known && !name.starts_with("x_") && !name.starts_with("x-") {
+                // Another unit is no slip of the pen: renaming the column would not turn its numbers.
+                let unit = |name: &str| name.rsplit('_').next().unwrap_or("").to_lowercase();
+                let near = nearest(name, required.iter().chain(optional).copied())
+                    .filter(|near| unit(near) == unit(name));
+                let hint = near.map_or(String::new(), |near| format!("did you mean '{near}'? "));
                 return Err(Error::field(
                     path,
                     Some(1),
                     format!("column '{name}'"),
                     "is not known here",
                     format!(
-                        "known columns: {}; begin the name with x_ to have it ignored",
+                        "{hint}known columns: {}; begin the name with x_ to have it ignored",
                         required.iter().chain(optional).copied().collect::<Vec<_>>().join(", ")
                     ),
                 ));
@@ -182,7 +187,10 @@ impl Table {
             } else {
                 "write a number"
             };
-            self.error(row, name, format!("'{text}' is not a number"), hint)
+            match text {
+                "" => self.error(row, name, "is empty", "fill the cell in, or remove the row"),
+                _ => self.error(row, name, format!("'{text}' is not a number"), hint),
+            }
         })?;
         if !value.is_finite() {
             return Err(self.error(

@@ -205,6 +205,8 @@ fn wrong_cells_are_named_with_line_and_column() {
     let rotary = "rotary t.csv --pivot-mm 573";
     says("t.csv", "angle_deg,deviation_mm\n0,0.1\n5,NaN\n", rotary, &["t.csv:3", "deviation_mm"]);
     says("t.csv", "angle_deg,deviation_mm\n0,0.1\n5,\n", rotary, &["t.csv:3", "deviation_mm"]);
+    says("t.csv", "angle_deg,deviation_mm\n0,1\n,\n", rotary, &["t.csv:3", "is empty"]);
+    says("t.csv", "Angle_deg,deviation_mm\n0,1\n", rotary, &["did you mean 'angle_deg'?"]);
     says("t.csv", "angle_deg,deviation_mm\n0,0,1\n", rotary, &["t.csv:2"]);
     says("t.csv", "angle_deg,deviation_mm\n0,1e999\n", rotary, &["t.csv:2", "deviation_mm"]);
     says(
@@ -261,6 +263,8 @@ fn slips_of_the_hand_get_a_hint() {
     refused(dir, "burn brun.png --calib calib.toml", &["brun.png", "did you mean 'burn.png'?"]);
     refused(dir, "burn burn.png --calib clib.toml", &["did you mean 'calib.toml'?"]);
     refused(dir, "thermal fit --head heta/head.csv", &["did you mean 'heat'?"]);
+    refused(dir, "report heat", &["heat", "batch"]);
+    refused(dir, "batch burn.png --job job.toml --out blank.csv", &["blank.csv", "folder"]);
     refused(dir, "burm burn.png", &["burn"]);
     refused(dir, "burn burn.png --calb calib.toml", &["--calib"]);
     refused(dir, "burn burn.png --calib calib.toml --tolerance-mm=-1", &["--tolerance-mm"]);
@@ -291,6 +295,19 @@ fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
     let dir = dir.path();
     let session = std::fs::read(dir.join("session.toml")).unwrap();
     std::fs::write(dir.join("one.csv"), "image,x_mm,y_mm\nburn.png,0,0\n").unwrap();
+    let copy = |from: &str, to: &str| {
+        std::fs::copy(dir.join(from), dir.join(to)).unwrap();
+    };
+    copy("burn.png", "b.overlay.png");
+    copy("burn.png", "b.png");
+    let two = "image,x_mm,y_mm\nb.png,0,0\nb.overlay.png,1,0\n";
+    std::fs::write(dir.join("two.csv"), two).unwrap();
+    copy("machine.toml", "tool_carrier.spf");
+    copy("machine.toml", "old.toml");
+    copy("rtcp.csv", "index.html");
+    let text = String::from_utf8(session.clone()).unwrap();
+    let text = text.replace("[control]", "[control]\nmachine = \"old.toml\"");
+    std::fs::write(dir.join("session2.toml"), text).unwrap();
     for (line, words) in [
         ("solve session.toml --out session.toml", ["--out", "session.toml"]),
         ("solve session.toml --out heat/../session.toml", ["--out", "SESSION.toml"]),
@@ -299,6 +316,11 @@ fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
         ("solve session.toml --log session.toml", ["--log", "session.toml"]),
         ("rod one.csv --calib calib.toml --points burn.png", ["--points", "one.csv"]),
         ("rod one.csv --calib calib.toml --points calib.toml", ["--points", "--calib"]),
+        ("burn burn.png b.overlay.png --calib calib.toml --overlay .", ["--overlay", "IMAGE"]),
+        ("rod two.csv --calib calib.toml --overlay .", ["--overlay", "two.csv"]),
+        ("export --machine tool_carrier.spf --control siemens --dir .", ["--dir", "--machine"]),
+        ("diagnose rtcp --model machine.toml --data index.html --report .", ["--report", "--data"]),
+        ("solve session2.toml --write-machine old.toml", ["--write-machine", "session2.toml"]),
     ] {
         refused(dir, line, &words);
     }
@@ -333,4 +355,78 @@ fn rows_that_stand_twice_count_once_and_are_named() {
     assert_eq!(once.stdout, twice.stdout);
     let said = String::from_utf8_lossy(&twice.stderr).into_owned();
     assert!(said.contains("twice.csv") && said.contains("counts once"), "{said}");
+}
+
+#[test]
+fn what_is_misspelt_in_a_file_is_found_before_anything_is_measured() {
+    let dir = workshop();
+    let dir = dir.path();
+    let machine = std::fs::read_to_string(dir.join("machine.toml")).unwrap();
+    let effect = |name: &str| {
+        let text = format!("{machine}\n[[effects]]\nname = \"{name}\"\nparameters = {{}}\n");
+        std::fs::write(dir.join("m.toml"), text).unwrap();
+    };
+    effect("b-backlach");
+    let simulate = "simulate rtcp --model m.toml --data poses.csv";
+    refused(dir, simulate, &["m.toml", "effects", "b-backlach", "did you mean 'b-backlash'?"]);
+    refused(dir, "diagnose rtcp --model m.toml --data rtcp.csv", &["m.toml", "'b-backlash'?"]);
+    // Another kind's effect is no slip.
+    effect("head-lag");
+    assert!(run(dir, simulate).status.success());
+    let job = |text: &str, words: &[&str]| {
+        std::fs::write(dir.join("t.toml"), format!("schema = 1\ncalib = \"calib.toml\"\n{text}"))
+            .unwrap();
+        refused(dir, "batch burn.png --job t.toml --out made", &[&["t.toml"], words].concat());
+    };
+    let burn = "[measure.burn]\n[limits]\n";
+    job(&format!("{burn}distnace_mm = {{ max = 1 }}\n"), &["limits.distnace_mm", "'distance_mm'?"]);
+    job(&format!("{burn}\"ring.center_mm.2\" = {{ max = 1 }}\n"), &["ring.center_mm.2"]);
+    job(&format!("{burn}distance_mm = {{ maxx = 1 }}\n"), &["maxx"]);
+    job("[measure.burn]\ntolerance_mm = -1\n", &["tolerance_mm"]);
+    let pair =
+        "[measure.circles]\nexpect_mm = [5.75]\n[limits]\n\"pairs.0.distance_mm\" = { max = 1 }\n";
+    job(pair, &["pairs.0.distance_mm", "1 circles"]);
+    judge();
+}
+
+#[test]
+fn a_page_is_made_of_results_only() {
+    let dir = workshop();
+    let dir = dir.path();
+    for (text, word) in [
+        (r#"{"a": 1}"#, "not a result"),
+        ("[1, 2]", "not a result"),
+        (r#"{"schema": "pivotsight.foo/1", "a": 1}"#, "nothing that a page shows"),
+        (r#"{"schema": "pivotsight.burn/2", "distance_mm": 1}"#, "version 1"),
+    ] {
+        std::fs::write(dir.join("f.json"), text).unwrap();
+        refused(dir, "report f.json", &["f.json", word]);
+    }
+    refused(
+        dir,
+        "align apply --align align.json --machine ac.toml path.apt out.nc --decimals 0",
+        &["--decimals", "decimal point"],
+    );
+    judge();
+}
+
+/// A name that JSON cannot hold is refused, never a panic half way.
+#[cfg(unix)]
+#[test]
+fn names_that_are_not_utf_8_are_refused() {
+    use std::os::unix::ffi::OsStrExt;
+    let dir = workshop();
+    let name = std::ffi::OsStr::from_bytes(b"b\xff.png");
+    std::fs::copy(dir.path().join("burn.png"), dir.path().join(name)).unwrap();
+    let output = std::process::Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"))
+        .current_dir(dir.path())
+        .env("PIVOTSIGHT_CONFIG", "none")
+        .arg("burn")
+        .arg(name)
+        .args(["--calib", "calib.toml", "--format", "json"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("IMAGE") && said.contains("UTF-8"), "{said}");
 }

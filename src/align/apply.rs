@@ -115,6 +115,13 @@ pub fn apply(
     if from == Form::Nc && to == Form::Apt {
         return Err(Error::option("--to", "NC code is not turned into APT", "give nc or cl"));
     }
+    if to == Form::Nc && options.decimals == Some(0) {
+        return Err(Error::option(
+            "--decimals",
+            "0 leaves no decimal point, and many controls read X12 as 12 increments",
+            "give 1 to 12",
+        ));
+    }
     let motion = if options.inverse { alignment.motion().inverse() } else { alignment.motion() };
     let chain = machine.chain()?;
     let letters = chain.names().map(|n| n.letter());

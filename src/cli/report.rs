@@ -41,6 +41,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             "name the page",
         ));
     }
+    if args.result.is_dir() && !path.exists() {
+        return Err(Error::file(
+            &args.result,
+            "is not the folder of a finished batch: it holds no summary.json",
+            "give the folder that `batch --out` named, or a result's file",
+        ));
+    }
     let text = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
     let result: Value = serde_json::from_slice(&text).map_err(|e| {
         Error::file(
@@ -58,7 +65,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         base: path.parent().unwrap_or(Path::new("")).to_owned(),
         rows,
     };
-    let page = report::page(&result, &options)?;
+    let page = report::page(&result, &options).map_err(|e| e.in_file(&path, None))?;
     global.write(out, page.as_bytes())?;
     Ok(Outcome { document: None, status: Status::Good })
 }

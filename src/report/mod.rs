@@ -46,6 +46,13 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
             "give the file a command wrote with --format json",
         ));
     };
+    if schema.split('/').nth(1) != Some("1") {
+        return Err(Error::measure(
+            "report",
+            format!("the result's schema is '{schema}', this program reads version 1"),
+            "use the version that wrote it",
+        ));
+    }
     let several = result.get("results").and_then(Value::as_array);
     let parts: Vec<&Value> = several.map_or_else(|| vec![result], |list| list.iter().collect());
     let title = if options.title.is_empty() { heading(command) } else { &options.title };
@@ -56,9 +63,20 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
         escape(&words(result.get("version"))),
         clock::utc(options.now),
     );
+    // A folder of a batch or a list of failures has something to say in any case.
+    let mut shows = command == "batch" || several.is_some_and(|list| !list.is_empty());
     for part in parts {
-        body += &section(command, part);
+        let (text, numbers) = section(command, part);
+        shows |= numbers;
+        body += &text;
         body += &html::pictures(&own_pictures(part, &options.base)?);
+    }
+    if !shows {
+        return Err(Error::measure(
+            "report",
+            format!("a result '{schema}' holds nothing that a page shows"),
+            "give the result of a measurement",
+        ));
     }
     body += &batch_rows(&options.rows, &options.base)?;
     for path in &options.pictures {
@@ -74,8 +92,8 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
     Ok(html::document(title, &body))
 }
 
-/// Verdict, numbers, charts, budget and advice of one result.
-fn section(command: &str, result: &Value) -> String {
+/// Verdict, numbers, charts, budget and advice of one result, and whether there are any numbers or charts.
+fn section(command: &str, result: &Value) -> (String, bool) {
     let mut text = String::new();
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
@@ -87,6 +105,7 @@ fn section(command: &str, result: &Value) -> String {
         text += &format!("<h2>{}</h2>\n", escape(image));
     }
     let rows = numbers::characteristics(command, result);
+    let mut shows = !rows.is_empty();
     if !rows.is_empty() {
         text += "<h2>Results</h2>\n";
         let head = [
@@ -101,11 +120,13 @@ fn section(command: &str, result: &Value) -> String {
         text += &table(&head, rows.iter().map(Characteristic::cells));
     }
     for list in numbers::lists(command, result) {
+        shows |= !list.rows.is_empty();
         text += &format!("<h2>{}</h2>\n", escape(&list.title));
         let head: Vec<&str> = list.head.iter().map(String::as_str).collect();
         text += &table(&head, list.rows.iter().cloned());
     }
     for figure in charts::of(command, result) {
+        shows = true;
         text += &format!("<figure>{}</figure>\n", figure.to_svg());
     }
     let budgets = numbers::budgets(result);
@@ -119,7 +140,7 @@ fn section(command: &str, result: &Value) -> String {
     let steps = advice::next(command, result);
     text += "<h2>What to do next</h2>\n<ul>\n";
     steps.iter().for_each(|s| text += &format!("<li>{}</li>\n", escape(s)));
-    text + "</ul>\n"
+    (text + "</ul>\n", shows)
 }
 
 fn heading(command: &str) -> &str {

@@ -58,6 +58,8 @@ pub struct Data {
     /// Rows of rises above the cold state, °C.
     rises_c: Vec<Vec<f64>>,
     displacement_mm: Vec<f64>,
+    /// Where they are from.
+    path: std::path::PathBuf,
 }
 
 impl Data {
@@ -80,7 +82,7 @@ impl Data {
                 row.push(value - cold);
             }
         }
-        Ok(Self { rises_c, displacement_mm })
+        Ok(Self { rises_c, displacement_mm, path: table.path().to_owned() })
     }
 
     fn sensors(&self) -> usize {
@@ -217,7 +219,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
         .collect();
     if live.is_empty() {
         return Err(Error::measure(
-            "head",
+            format!("{}: head", data.path.display()),
             "no sensor changes",
             "warm the head up while recording",
         ));
@@ -231,7 +233,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     let need = 3 * BLOCKS.max(if selecting { 1 } else { live.len() + 1 });
     if rows < need {
         return Err(Error::measure(
-            "head",
+            format!("{}: head", data.path.display()),
             format!("{rows} rows are too few for {} sensors", live.len()),
             format!("record at least {need}"),
         ));
@@ -263,7 +265,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     let columns = with_constant(chosen.clone(), sensors, constant);
     let solved = total.solve(&columns).ok_or_else(|| {
         Error::measure(
-            "head",
+            format!("{}: head", data.path.display()),
             "the sensors rise and fall together: their coefficients cannot be told apart",
             "use --select, or record heating and cooling of different parts",
         )

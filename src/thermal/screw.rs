@@ -1,5 +1,7 @@
 //! The screws: slope of the position error at each temperature, and the law `tan β(T) = Tk_max (T - T0) / (T_max - T0)`.
 
+use std::path::PathBuf;
+
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
@@ -35,6 +37,8 @@ struct Point {
 #[derive(Debug, Clone)]
 pub struct Data {
     axes: Vec<(String, Vec<Point>)>,
+    /// Where they are from.
+    path: PathBuf,
 }
 
 impl Data {
@@ -57,7 +61,7 @@ impl Data {
                 None => axes.push((name, vec![point])),
             }
         }
-        Ok(Self { axes })
+        Ok(Self { axes, path: table.path().to_owned() })
     }
 }
 
@@ -153,7 +157,11 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
             ));
         }
     }
-    data.axes.iter().map(|(axis, points)| fit_axis(axis, points, options, warnings)).collect()
+    data.axes
+        .iter()
+        .map(|(axis, points)| fit_axis(axis, points, options, warnings))
+        .collect::<Result<_>>()
+        .map_err(|e| e.in_file(&data.path, None))
 }
 
 fn fit_axis(
