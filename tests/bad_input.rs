@@ -316,7 +316,7 @@ fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
         ("solve session.toml --log session.toml", ["--log", "session.toml"]),
         ("rod one.csv --calib calib.toml --points burn.png", ["--points", "one.csv"]),
         ("rod one.csv --calib calib.toml --points calib.toml", ["--points", "--calib"]),
-        ("burn burn.png b.overlay.png --calib calib.toml --overlay .", ["--overlay", "IMAGE"]),
+        ("burn b.png b.overlay.png --calib calib.toml --overlay .", ["--overlay", "IMAGE"]),
         ("rod two.csv --calib calib.toml --overlay .", ["--overlay", "two.csv"]),
         ("export --machine tool_carrier.spf --control siemens --dir .", ["--dir", "--machine"]),
         ("diagnose rtcp --model machine.toml --data index.html --report .", ["--report", "--data"]),
