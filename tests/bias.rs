@@ -381,6 +381,27 @@ fn saturation() {
     assert!(bias > 0.1 && error < 0.1 * bias, "{error} of {bias}");
 }
 
+/// A background that is clipped all round, lit from one side behind the clip: the middle of what is seen lies nearer to the foot of the flank where
+/// the light is stronger, outwards for a hole and inwards for a disc.
+#[test]
+fn light_behind_the_clip() {
+    let (center, radius, blur) = (Vector2::new(350.2, 349.6), 180.0, 2.5);
+    let lit = |p: Vector2<f64>| 1.0 + 0.05 * (p.x - center.x + 0.5 * (p.y - center.y)) / radius;
+    for levels in [[0.1, 1.12], [1.12, 0.1]] {
+        let picture = disc(center, radius, blur, levels, lit).picture(QUIET, &mut rng());
+        let found = measured(&picture, &scale(), 2.0 * radius * MM_PER_PX);
+        let seen = plain(&picture, center, radius, 12.0, Plain::HalfLevel);
+        let bias = (seen.center - center).norm();
+        let error = (Vector2::from(found.center_mm) - plane(center)).norm() / MM_PER_PX;
+        let smaller = (seen.radius - radius).abs();
+        let off = (0.5 * found.diameter_mm / MM_PER_PX - radius).abs();
+        println!("clipped {levels:?}: plain way {bias:.4} px, program {error:.5} px");
+        println!("clipped {levels:?}: radius, plain way {smaller:.4} px, program {off:.5} px");
+        assert!(bias > 0.1 && error < 0.15 * bias, "{error} of {bias}");
+        assert!(smaller > 0.2 && off < 0.1 * smaller, "{off} of {smaller}");
+    }
+}
+
 /// A ring may be a line hardly wider than its own softness: blurred until noise is gone, its outer edge nearly is too. The
 /// ring is still the outer edge, not the stronger-looking inner one.
 #[test]

@@ -10,6 +10,7 @@
 //! which reaches the Cramer-Rao bound.
 
 use crate::edge::blurred::Blurred;
+use crate::edge::hidden::is_known;
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
 use crate::edge::pool::Sectors;
@@ -88,6 +89,9 @@ pub struct Located {
     pub leaning_px: f64,
 }
 
+/// Variance of gains and stretches that nothing holds.
+const LOOSE: f64 = 0.09;
+
 /// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
 const LEAST_NOISE: f64 = 0.003;
 
@@ -106,7 +110,8 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     if alive.iter().sum::<f64>() < 6.0 {
         return None;
     }
-    let mut template = median_profile(profiles, &alive);
+    let hidden = profiles.hidden;
+    let mut template = median_profile(profiles, &alive)?;
     let range = spread_of(&template);
     if range <= 0.0 {
         return None;
@@ -116,7 +121,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     let nothing = Prior {
         level: (0.0, wide),
         gain: (1.0, 100.0),
-        stretch: (0.0, 1e-4),
+        stretch: (0.0, if hidden.is_some() { LOOSE } else { 1e-4 }),
         shift: (0.0, 100.0 * far),
         tail: (0.0, 1e-12 * range * range),
     };
@@ -174,14 +179,21 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             learnt = true;
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
+        if hidden.is_some() {
+            // Of a flank alone gain and stretch look much alike: what a round takes for one must not hold the next.
+            for p in &mut priors {
+                (p.gain, p.stretch) = ((1.0, LOOSE), (0.0, LOOSE));
+            }
+        }
         if round + 1 < options.rounds {
-            let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise };
-            template = all.pool(&template, &shape, &matches).template(&template);
+            let all =
+                Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
+            template = all.pool(&template, &shape, &matches).template(&template)?;
         }
     }
     let (mut blurred, mut plain) = (None, false);
     if learnt && !noise.is_correlated() {
-        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise };
+        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
         let shape = Shape::of(&template);
         if let Some(found) = all.plain(&template, &shape, &matches) {
             (template, matches, blurred) = (found.template, found.matches, found.blurred);
@@ -252,9 +264,10 @@ fn local_misfit(matches: &[Match], alive: &[f64], closed: bool) -> Vec<f64> {
 }
 
 /// The median over the sectors, bin by bin: the first guess of the common profile. Bins without pixels have their neighbour's level.
-fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
+fn median_profile(profiles: &Profiles, alive: &[f64]) -> Option<Template> {
     let mut values = Vec::with_capacity(profiles.bins);
-    let mut last = f64::NAN;
+    let (mut last, mut known) = (f64::NAN, Vec::with_capacity(profiles.bins));
+    let sectors = alive.iter().sum::<f64>();
     for b in 0..profiles.bins {
         let list: Vec<f64> = (0..profiles.sectors())
             .map(|s| f64::from(profiles.value[s * profiles.bins + b]))
@@ -262,6 +275,7 @@ fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
         let weights: Vec<f64> = (0..profiles.sectors())
             .map(|s| if profiles.count[s * profiles.bins + b] > 0.0 { alive[s] } else { 0.0 })
             .collect();
+        known.push(is_known(weights.iter().sum(), sectors));
         if weights.iter().any(|w| *w > 0.0) {
             last = median(&list, &weights);
         }
@@ -272,9 +286,12 @@ fn median_profile(profiles: &Profiles, alive: &[f64]) -> Template {
     values.iter_mut().take_while(|v| v.is_nan()).for_each(|v| *v = first);
     let mut template =
         Template { start_px: profiles.bin_middle_px(0), step_px: profiles.band.bin_px, values };
+    if let Some(side) = profiles.hidden {
+        template.mirror(&known, side)?;
+    }
     template.smooth(2);
     template.denoise();
-    template
+    Some(template)
 }
 
 fn spread_of(template: &Template) -> f64 {

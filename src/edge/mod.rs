@@ -8,6 +8,7 @@
 
 mod blurred;
 mod contour;
+mod hidden;
 mod levels;
 mod locate;
 mod noise;
@@ -24,6 +25,7 @@ mod window;
 
 pub use contour::Contour;
 pub(crate) use contour::wrap;
+pub use hidden::{Side, hide};
 pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
 pub use scan::{Band, Profiles, scan};
 pub use shading::flatten;

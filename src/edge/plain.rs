@@ -55,7 +55,7 @@ impl Sectors<'_> {
     ) -> Option<Plain> {
         let (matches, scale) = self.shifts(shape, matches)?;
         let pool = self.pool(template, shape, &matches);
-        let again = pool.template(template);
+        let again = pool.template(template)?;
         let blurred = self.blurred(&pool, &again, &matches, scale);
         let template = match blurred {
             Some(edge) => edge.template(&again),

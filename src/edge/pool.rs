@@ -1,10 +1,10 @@
 //! All usable sectors laid on top of each other: the common profile, node by node, as the pixels have it.
 
-use crate::edge::Template;
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
 use crate::edge::sector::{Bin, Match};
 use crate::edge::shape::Shape;
+use crate::edge::{Side, Template};
 
 /// What the sectors say of each node of the common profile.
 pub(super) struct Pool {
@@ -14,6 +14,7 @@ pub(super) struct Pool {
     pub(super) weight: Vec<f64>,
     /// Pixels.
     pixels: Vec<f64>,
+    hidden: Option<Side>,
 }
 
 /// All sectors of a band, and what is known of them.
@@ -23,6 +24,8 @@ pub(super) struct Sectors<'a> {
     pub(super) alive: &'a [f64],
     pub(super) curve: &'a Curve,
     pub(super) noise: &'a Noise,
+    /// The side that a clip hides.
+    pub(super) hidden: Option<Side>,
 }
 
 impl Sectors<'_> {
@@ -64,7 +67,7 @@ impl Sectors<'_> {
         }
         let mean = |(sum, weight): (&f64, &f64)| if *weight > 0.0 { sum / weight } else { 0.0 };
         let value = sum.iter().zip(&weight).map(mean).collect();
-        Pool { value, weight, pixels }
+        Pool { value, weight, pixels, hidden: self.hidden }
     }
 }
 
@@ -78,20 +81,25 @@ impl Pool {
         (0..self.value.len()).map(node).filter(|(_, _, weight)| *weight > 0.0)
     }
 
-    /// The common profile again, on the nodes of the one before.
-    pub(super) fn template(&self, before: &Template) -> Template {
+    /// The common profile again, on the nodes of the one before. `None` where a clip hides what it would have to be.
+    pub(super) fn template(&self, before: &Template) -> Option<Template> {
         let mut template = before.clone();
         let n = template.values.len();
         let mut last = template.values[0];
         // Nodes that hardly any pixel falls on keep their neighbour's value.
         let least = 0.1 * self.pixels.iter().sum::<f64>() / n as f64;
+        let known: Vec<bool> =
+            (0..n).map(|i| self.weight[i] > 0.0 && self.pixels[i] > least).collect();
         for i in 0..n {
-            if self.weight[i] > 0.0 && self.pixels[i] > least {
+            if known[i] {
                 last = self.value[i];
             }
             template.values[i] = last;
         }
+        if let Some(side) = self.hidden {
+            template.mirror(&known, side)?;
+        }
         template.denoise();
-        template
+        Some(template)
     }
 }

@@ -1,7 +1,7 @@
 //! Reads every pixel of a band along a contour once and sorts it into profiles: one a sector, over the
 //! distance from the contour.
 
-use crate::edge::{Contour, wrap};
+use crate::edge::{Contour, Side, wrap};
 use crate::frame::{Frame, Gray, MOST_JOINED, Pixel};
 
 /// The band to read.
@@ -34,6 +34,8 @@ pub struct Profiles {
     pub distance_px: Vec<f32>,
     /// The highest pixel value in the band.
     pub top: f32,
+    /// The side that is clipped and has been taken out.
+    pub hidden: Option<Side>,
 }
 
 /// Values at which cameras of 8 to 16 bits clip, 10 and 12 bits in the high bits of 16 included.
@@ -95,6 +97,7 @@ impl Profiles {
             value: vec![0.0; sectors * bins],
             distance_px: vec![0.0; sectors * bins],
             top: self.top,
+            hidden: self.hidden,
         };
         for s in 0..sectors {
             for b in 0..bins {
@@ -219,6 +222,7 @@ fn scan_pixels<T: Pixel>(
         value: mean(|c| c.value),
         distance_px: mean(|c| c.distance_px),
         top,
+        hidden: None,
     }
 }
 

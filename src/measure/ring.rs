@@ -3,7 +3,9 @@
 use nalgebra::{Matrix2, Vector2};
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, LocateOptions, Located, flatten, lens_share, locate, scan};
+use crate::edge::{
+    Band, Contour, LocateOptions, Located, Profiles, flatten, hide, lens_share, locate, scan,
+};
 use crate::fit::circle::{self, Circle};
 use crate::fit::correlated::{self, Wander};
 use crate::frame::Frame;
@@ -219,6 +221,24 @@ fn sectors_for(length_px: f64, softness_px: f64, most: usize) -> usize {
     ((length_px / (6.0f64).max(0.7 * softness_px)) as usize).clamp(24, most)
 }
 
+/// The edges of these profiles. Faint ones need wider sectors: a point must be surer than the edge is soft.
+fn located(mut profiles: Profiles, contour: &Contour, effort: Effort) -> Option<Located> {
+    // Gain, stretch and the common flank look much alike: they part slowly.
+    let rounds = effort.rounds * if profiles.hidden.is_some() { 4 } else { 1 };
+    let options = LocateOptions { rounds, ..LocateOptions::default() };
+    let mut best = None;
+    loop {
+        let located = locate(&profiles, contour.closed, options);
+        let sure =
+            located.as_ref().is_some_and(|l| l.point_sd_px() < 0.2 * l.step.softness_px.max(0.7));
+        best = located.or(best);
+        if sure || profiles.sectors() < 48 {
+            return best;
+        }
+        profiles = profiles.halved();
+    }
+}
+
 /// The edge points about a rough circle. `None` where no edge can be located there.
 pub(super) fn edge_points(
     frame: &Frame,
@@ -238,21 +258,17 @@ pub(super) fn edge_points(
     // Soft edges are as well read from a reduced picture, in a fraction of the time.
     let factor = (softness * effort.joined).floor().clamp(1.0, 8.0) as usize;
     let mut profiles = scan(frame, factor, &contour, band);
-    profiles.mask_glare();
     let clip = profiles.clip();
-    flatten(&mut profiles, &contour, softness);
-    // Faint edges need wider sectors: a point must be surer than the edge is soft.
-    let mut best = None;
-    let located = loop {
-        let options = LocateOptions { rounds: effort.rounds, ..LocateOptions::default() };
-        let located = locate(&profiles, contour.closed, options);
-        let sure =
-            located.as_ref().is_some_and(|l| l.point_sd_px() < 0.2 * l.step.softness_px.max(0.7));
-        best = located.or(best);
-        if sure || profiles.sectors() < 48 {
-            break best?;
+    // Of a flank that goes on behind a clip the light's slope is in the sectors' gains.
+    let flanks = hide(&profiles);
+    let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort));
+    let edges = match of_flanks {
+        Some(edges) => edges,
+        None => {
+            profiles.mask_glare();
+            flatten(&mut profiles, &contour, softness);
+            located(profiles, &contour, effort)?
         }
-        profiles = profiles.halved();
     };
     let mut points = Points {
         place_mm: Vec::new(),
@@ -264,9 +280,9 @@ pub(super) fn edge_points(
         radius_px: contour.mean_radius_px(),
         pixel_mm: view.pixel_mm(),
         clip,
-        clipped_inside: clip.is_some_and(|c| located.step.inner > 0.97 * f64::from(c)),
-        clipped_outside: clip.is_some_and(|c| located.step.outer > 0.97 * f64::from(c)),
-        located,
+        clipped_inside: clip.is_some_and(|c| edges.step.inner > 0.97 * f64::from(c)),
+        clipped_outside: clip.is_some_and(|c| edges.step.outer > 0.97 * f64::from(c)),
+        located: edges,
     };
     for e in &points.located.points {
         let pixel = contour.point(e.angle_rad, e.distance_px);
