@@ -8,19 +8,19 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 
 use crate::edge::{Contour, Profiles};
 use crate::fit::circle::tukey;
-use crate::fit::robust::{median, scatter};
+use crate::fit::robust::scatter;
 
 /// A slope under this many of its own standard deviations is not taken out.
 const SURE: f64 = 4.0;
 
-/// Logarithms of neighbouring sectors' levels that differ by more than this, in the median, are noise: no light falls
-/// off so fast along a mark.
-const BLACK: f64 = 0.1;
+/// Scatter of the logarithms of neighbouring sectors' levels below which one side is trusted no more than the other.
+const EVEN: f64 = 0.005;
 
-/// One level of one sector: place, side, logarithm.
+/// One level of one sector: place, side, logarithm and how much that scatters on its side.
 struct Level {
     row: Vector4<f64>,
     log: f64,
+    sd: f64,
 }
 
 /// Divides the slope out of the profiles of a closed contour, if there is one.
@@ -30,7 +30,7 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
     }
     let mut levels = levels(profiles, contour, 2.5 * softness_px);
     for inside in [true, false] {
-        drop_if_black(&mut levels, inside);
+        learn_scatter(&mut levels, inside);
     }
     let Some(slope) = slope(&levels) else { return };
     for s in 0..profiles.sectors() {
@@ -44,17 +44,16 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
     }
 }
 
-/// Leaves out a side whose levels are so near black that their logarithms are mostly noise.
-fn drop_if_black(levels: &mut Vec<Level>, inside: bool) {
-    let of_side = |l: &Level| (l.row[0] > 0.0) == inside;
-    let logs: Vec<f64> = levels.iter().filter(|l| of_side(l)).map(|l| l.log).collect();
+/// How much one side's levels scatter from sector to sector: near black their logarithms are mostly noise.
+fn learn_scatter(levels: &mut [Level], inside: bool) {
+    let of_side = |l: &&mut Level| (l.row[0] > 0.0) == inside;
+    let logs: Vec<f64> = levels.iter_mut().filter(of_side).map(|l| l.log).collect();
     let mut steps: Vec<f64> = logs.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
     if steps.is_empty() {
         return;
     }
-    if median(&mut steps) > BLACK {
-        levels.retain(|l| !of_side(l));
-    }
+    let sd = (scatter(&mut steps) / std::f64::consts::SQRT_2).max(EVEN);
+    levels.iter_mut().filter(of_side).for_each(|l| l.sd = sd);
 }
 
 /// Mean levels of each sector beyond `clear_px` either side of the contour.
@@ -77,7 +76,7 @@ fn levels(profiles: &Profiles, contour: &Contour, clear_px: f64) -> Vec<Level> {
                 let place = at - contour.origin_px;
                 let inside = f64::from(u8::from(side < 0.0));
                 let row = Vector4::new(inside, 1.0 - inside, place.x, place.y);
-                list.push(Level { row, log: (sum / count).ln() });
+                list.push(Level { row, log: (sum / count).ln(), sd: EVEN });
             }
         }
     }
@@ -94,15 +93,16 @@ fn slope(levels: &[Level]) -> Option<Vector2<f64>> {
     for _ in 0..6 {
         let (mut normal, mut right) = (Matrix4::<f64>::zeros(), Vector4::<f64>::zeros());
         for (l, w) in levels.iter().zip(&weights) {
-            normal += l.row * l.row.transpose() * *w;
-            right += l.row * (*w * l.log);
+            let w = w * (EVEN / l.sd).powi(2);
+            normal += l.row * l.row.transpose() * w;
+            right += l.row * (w * l.log);
         }
         // One side may be missing altogether.
         normal[(0, 0)] += 1e-6;
         normal[(1, 1)] += 1e-6;
         let inverse = normal.try_inverse()?;
         let fitted = inverse * right;
-        let residual = |l: &Level| l.log - l.row.dot(&fitted);
+        let residual = |l: &Level| (l.log - l.row.dot(&fitted)) * (EVEN / l.sd);
         let mut sizes: Vec<f64> = levels.iter().map(|l| residual(l).abs()).collect();
         let sd = scatter(&mut sizes);
         if sd <= 0.0 {

@@ -33,6 +33,9 @@ const TEXTURED: f64 = 3.0;
 /// Where light clips one side nobody knows how far it would have gone, nor where it would have gone farther: by this part of the softness
 /// the half level may have moved on one side (0.25 where the light is a fifth beyond the top and as much less on the other side).
 const CLIPPED: f64 = 0.25;
+/// An edge as sharp as a lens's moves less by what a clip hides, and is told from its flank where that can be: centre and radius are off by these
+/// parts of the softness (standard deviations; where the flank tells, and where not).
+const CLIPPED_SHARP: [(f64, f64); 2] = [(0.05, 0.15), (0.12, 0.35)];
 /// How much of all that a radius may be off besides what is known of its tint.
 const EVEN: f64 = 0.7;
 
@@ -174,6 +177,8 @@ pub struct Points {
     pub clipped_inside: bool,
     /// Whether light clips what is outside.
     pub clipped_outside: bool,
+    /// Whether the edge was told from its flank alone, as a clip hides the rest.
+    pub of_flank: bool,
 }
 
 impl Points {
@@ -259,9 +264,10 @@ pub(super) fn edge_points(
     let factor = (softness * effort.joined).floor().clamp(1.0, 8.0) as usize;
     let mut profiles = scan(frame, factor, &contour, band);
     let clip = profiles.clip();
-    // Of a flank that goes on behind a clip the light's slope is in the sectors' gains.
-    let flanks = hide(&profiles);
+    // Of a flank that goes on behind a clip the light's slope is in the sectors' gains. Only a lens's flank is known to be symmetric.
+    let flanks = if softness < SHARP_PX { hide(&profiles) } else { None };
     let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort));
+    let of_flank = of_flanks.is_some();
     let edges = match of_flanks {
         Some(edges) => edges,
         None => {
@@ -282,6 +288,7 @@ pub(super) fn edge_points(
         clip,
         clipped_inside: clip.is_some_and(|c| edges.step.inner > 0.97 * f64::from(c)),
         clipped_outside: clip.is_some_and(|c| edges.step.outer > 0.97 * f64::from(c)),
+        of_flank,
         located: edges,
     };
     for e in &points.located.points {
@@ -385,6 +392,13 @@ fn finish(
     covariance.copy_from(&fit.covariance);
     let fitted_sd_mm = (covariance[(0, 0)] + covariance[(1, 1)]).sqrt();
     covariance[(2, 2)] += (step.rim_sd_px * pixel_mm).powi(2);
+    let is_clipped = points.clipped_inside || points.clipped_outside;
+    if is_clipped || points.of_flank {
+        let (center, radius) = CLIPPED_SHARP[usize::from(!points.of_flank)];
+        let sharp_mm = step.softness_px.min(SHARP_PX) * pixel_mm;
+        (0..2).for_each(|i| covariance[(i, i)] += (center * sharp_mm).powi(2));
+        covariance[(2, 2)] += (radius * sharp_mm).powi(2);
+    }
     if !points.located.plain {
         let soft_mm = (step.softness_px - SHARP_PX).max(0.0) * pixel_mm;
         // A ring's tint lies on either side, a spot's outside: inside it goes on by its own dome.
@@ -392,7 +406,7 @@ fn finish(
         let tint = if is_spot { outside } else { outside.max(inside) };
         let hidden = (step.softness_px * pixel_mm / TINT_MM).powi(2).min(1.0);
         let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT) * hidden);
-        let clipped = if points.clipped_inside || points.clipped_outside { CLIPPED } else { 0.0 };
+        let clipped = if is_clipped { CLIPPED } else { 0.0 };
         let unseen_mm =
             within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm).hypot(clipped * soft_mm);
         (0..2).for_each(|i| covariance[(i, i)] += unseen_mm * unseen_mm);
