@@ -6,7 +6,7 @@ use nalgebra::{DMatrix, Vector2, Vector3};
 use pivotsight::camera::{Calibration, Mapping, View};
 use pivotsight::fit::Circle;
 use pivotsight::frame::{Frame, Gray};
-use pivotsight::measure::{ring, rod};
+use pivotsight::measure::{points, ring, rod};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -181,7 +181,7 @@ fn measure(cell: &Cell, seed: u64) -> Option<(Vector2<f64>, f64, usize)> {
     let view = view(side, 1.0);
     let truth = view.to_plane(center);
     let rough = Circle { center: truth + astray, radius: radius_px + 1.0 };
-    let search = ring::Search {
+    let search = points::Search {
         reach_px: 6.0,
         inside_limit_px: 0.9 * radius_px,
         outside_limit_px: 30.0 + 4.0 * blur_px,

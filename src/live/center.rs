@@ -17,7 +17,8 @@ use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::live::{Event, Feed, Shot};
 use crate::measure::expected::around;
-use crate::measure::ring::{self, Ring, Search};
+use crate::measure::points::Search;
+use crate::measure::ring::{self, Ring};
 use crate::measure::rod;
 use crate::uncertainty::{K95, Verdict, distance, k95};
 

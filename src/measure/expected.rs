@@ -4,8 +4,9 @@ use crate::camera::View;
 use crate::find::{self, Candidate, ITSELF, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
+use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
-use crate::measure::ring::{self, Ring, Search};
+use crate::measure::ring::{self, Ring};
 
 /// A circle is looked for within this share of its expected diameter.
 const DIAMETER_WINDOW: f64 = 0.12;

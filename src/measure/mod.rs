@@ -7,6 +7,7 @@ pub mod cross;
 pub(crate) mod expected;
 mod marks;
 pub mod offset;
+pub mod points;
 mod polygon;
 pub mod ring;
 pub mod rod;

@@ -8,7 +8,7 @@ use crate::fit::circle::{self, Circle};
 use crate::fit::correlated;
 use crate::fit::robust::scatter;
 use crate::frame::Frame;
-use crate::measure::ring::{Points, Search};
+use crate::measure::points::{Points, Search};
 
 /// [`correlated::Rows::unsteady`] of a burnt edge: rendered burns of other makers cover 80 % where a stationary edge would 95 %; this much
 /// more brings them to where they should be. Where sectors differ in nothing but place, short wander is steady.

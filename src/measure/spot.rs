@@ -5,8 +5,9 @@ use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::marks::{Limits, glow, is_circle, is_steady};
+use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
-use crate::measure::ring::{self, Ring, Search};
+use crate::measure::ring::{self, Ring};
 
 /// Radius of the largest spot, as a part of the ring's.
 const MOST: f64 = 0.45;

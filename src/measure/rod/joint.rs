@@ -7,7 +7,7 @@ use crate::fit::circle::tukey;
 use crate::fit::correlated::{self, Fit, Rows};
 use crate::fit::least_squares;
 use crate::fit::robust::{median, scatter};
-use crate::measure::ring::Points;
+use crate::measure::points::Points;
 use crate::measure::rows::{group_rows, robust_weights};
 
 /// The edge points of one capture in machine coordinates.

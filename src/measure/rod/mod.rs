@@ -21,7 +21,7 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
-use crate::measure::ring::{self, CLOSE, GLANCE, Points, Search};
+use crate::measure::points::{CLOSE, GLANCE, Points, Search, edge_points};
 use crate::uncertainty::{K95, k95};
 use attempts::Attempts;
 use joint::{Arc, Axis, Joint};
@@ -187,7 +187,7 @@ fn follow(
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
                 };
-                let mut points = ring::edge_points(frame, view, rough, search, effort)?;
+                let mut points = edge_points(frame, view, rough, search, effort)?;
                 points.move_to_rim(rough.center);
                 Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
