@@ -90,11 +90,11 @@ impl Pool {
         let least = 0.1 * self.pixels.iter().sum::<f64>() / n as f64;
         let known: Vec<bool> =
             (0..n).map(|i| self.weight[i] > 0.0 && self.pixels[i] > least).collect();
-        for i in 0..n {
-            if known[i] {
-                last = self.value[i];
+        for ((old, value), known) in template.values.iter_mut().zip(&self.value).zip(&known) {
+            if *known {
+                last = *value;
             }
-            template.values[i] = last;
+            *old = last;
         }
         if let Some(side) = self.hidden {
             template.mirror(&known, side)?;

@@ -162,6 +162,7 @@ fn in_frame(
                 100.0 * ring.arc_coverage
             ));
         }
+        warnings.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
         circles.push(Expected { expect_mm, circle: CircleReport::of(&ring) });
         rings.push(ring);
     }

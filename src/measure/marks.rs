@@ -130,11 +130,7 @@ pub(super) fn measure(
             warnings.push(format!("only {seen:.0} % of the ring's edge was found"));
         }
         for (name, mark) in [("ring", &ring), ("spot", &spot)] {
-            if mark.clipped_inside || mark.clipped_outside {
-                warnings.push(format!(
-                    "light clips the picture beside the {name}'s edge: where that is is less sure; expose less"
-                ));
-            }
+            warnings.extend(mark.clip_warning(name));
         }
         return Ok((ring, spot, warnings));
     }

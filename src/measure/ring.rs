@@ -109,6 +109,15 @@ impl Ring {
         self.blur_mm * (1.0 - lens_share(self.softness_px).powi(2))
     }
 
+    /// What a user should know where light clips one side of the edge; `name` is the circle's.
+    pub(super) fn clip_warning(&self, name: &str) -> Option<String> {
+        (self.clipped_inside || self.clipped_outside).then(|| {
+            format!(
+                "light clips the picture beside the {name}'s edge: where that is is less sure; expose less"
+            )
+        })
+    }
+
     /// Covariance of the centre, mm².
     pub fn center_covariance(&self) -> Matrix2<f64> {
         self.covariance.fixed_view::<2, 2>(0, 0).into()
