@@ -12,6 +12,7 @@ use serde::Serialize;
 
 use crate::camera::{Calibration, Laser};
 use crate::error::{Error, Result};
+use crate::fit::robust::median;
 use crate::frame::Picture;
 use crate::measure::circles;
 use crate::repeats;
@@ -147,13 +148,10 @@ fn odd_one_out(burns: &[ShotReport]) -> Option<(usize, f64)> {
     if burns.len() < 3 {
         return None;
     }
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let middle = [0, 1].map(|k| median(burns.iter().map(|b| b.offset_mm[k]).collect()));
+    let middle =
+        [0, 1].map(|k| median(&mut burns.iter().map(|b| b.offset_mm[k]).collect::<Vec<_>>()));
     let off = |b: &ShotReport| (b.offset_mm[0] - middle[0]).hypot(b.offset_mm[1] - middle[1]);
-    let usual = median(burns.iter().map(off).collect());
+    let usual = median(&mut burns.iter().map(off).collect::<Vec<_>>());
     let far = burns.iter().map(off).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
     far.filter(|(_, off_mm)| *off_mm > (FAR * usual).max(LEAST_OFF_MM))
 }

@@ -192,10 +192,10 @@ fn own_keys(row: &Value) -> Value {
 }
 
 /// A file name for each picture's overlay; pictures of one name in different folders are numbered.
-fn overlay_names(images: &[PathBuf]) -> Vec<String> {
+pub fn overlay_names<'p>(images: impl IntoIterator<Item = &'p PathBuf>) -> Vec<String> {
     let mut taken = HashSet::new();
     images
-        .iter()
+        .into_iter()
         .map(|image| {
             let stem = image.file_stem().unwrap_or_default().to_string_lossy();
             let mut name = format!("{stem}.overlay.png");

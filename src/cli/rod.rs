@@ -1,10 +1,10 @@
 //! `pivotsight rod`: arcs of the check rod's rim → the C axis.
 
-use std::collections::HashSet;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
 use super::outfiles::OutFile;
+use super::pictures::overlay_names;
 use super::{Global, Outcome, result};
 use crate::camera::{Calibration, Identity};
 use crate::draw;
@@ -72,7 +72,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let captures = read_captures(&args.captures, &mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
     if let Some(folder) = &args.overlay {
-        global.makes("--overlay", folder, overlay_names(&captures))?;
+        global.makes("--overlay", folder, overlay_names(captures.iter().map(|c| &c.path)))?;
     }
     let mut measured = rod::measure(&captures, &calibration, &options)
         .map_err(|e| e.in_file(&args.captures, None))?;
@@ -132,20 +132,7 @@ fn overlays(
         write_whole(&path, &png)?;
         Ok(path)
     };
-    overlay_names(captures).into_iter().zip(drawn).map(write).collect()
-}
-
-fn overlay_names(captures: &[Capture]) -> Vec<String> {
-    let mut taken = HashSet::new();
-    let name = |(index, capture): (usize, &Capture)| {
-        let stem = capture.path.file_stem().unwrap_or_default().to_string_lossy();
-        let name = format!("{stem}.overlay.png");
-        match taken.insert(name.clone()) {
-            true => name,
-            false => format!("{stem}-{}.overlay.png", index + 1),
-        }
-    };
-    captures.iter().enumerate().map(name).collect()
+    overlay_names(captures.iter().map(|c| &c.path)).into_iter().zip(drawn).map(write).collect()
 }
 
 fn table(r: &Report) -> String {

@@ -6,12 +6,11 @@
 //! profile goes on as the mirror image of its dark half about its steepest place, which the clip does not move. Where
 //! the steepest place is itself too near the clip to be sure of, the clip is taken for the level, as it seems.
 
+use crate::edge::scan::BACKGROUND;
 use crate::edge::{Profiles, Template};
 
 /// Bins brighter than this part of the clip may have lost light: their pixels are noisy, and no points.
 const CUT: f32 = 0.96;
-/// Where the last bins of fewer sectors are clipped, others show the level.
-const BACKGROUND: f64 = 0.85;
 /// Share of the sectors that must know a node of the first guess: where fewer do they are the darker ones, or lie farther out.
 const KNOWN: f64 = 0.5;
 /// The slope must have fallen to this part of its peak before the flank is hidden, or nobody knows where the peak is.

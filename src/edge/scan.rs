@@ -38,6 +38,9 @@ pub struct Profiles {
     pub hidden: Option<Side>,
 }
 
+/// Where more of the sectors are clipped it is the picture's own background, not a glare.
+pub(super) const BACKGROUND: f64 = 0.85;
+
 /// Values at which cameras of 8 to 16 bits clip, 10 and 12 bits in the high bits of 16 included.
 const CLIPS: [f32; 8] = [255.0, 1023.0, 4095.0, 16383.0, 65472.0, 65520.0, 65532.0, 65535.0];
 
@@ -50,8 +53,6 @@ impl Profiles {
     /// Takes out what light has clipped: bins at the top value, with a margin, where some sectors are not.
     pub fn mask_glare(&mut self) {
         const MARGIN: usize = 3;
-        /// Where more of the sectors are clipped it is the picture's own background.
-        const BACKGROUND: f64 = 0.85;
         let Some(top) = self.clip() else { return };
         let clipped = |i: usize| self.count[i] > 0.0 && self.value[i] >= top * (1.0 - 1e-4);
         let (bins, sectors) = (self.bins, self.sectors());

@@ -46,14 +46,14 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
 
 /// How much one side's levels scatter from sector to sector: near black their logarithms are mostly noise.
 fn learn_scatter(levels: &mut [Level], inside: bool) {
-    let of_side = |l: &&mut Level| (l.row[0] > 0.0) == inside;
-    let logs: Vec<f64> = levels.iter_mut().filter(of_side).map(|l| l.log).collect();
+    let of_side = |l: &Level| (l.row[0] > 0.0) == inside;
+    let logs: Vec<f64> = levels.iter().filter(|l| of_side(l)).map(|l| l.log).collect();
     let mut steps: Vec<f64> = logs.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
     if steps.is_empty() {
         return;
     }
     let sd = (scatter(&mut steps) / std::f64::consts::SQRT_2).max(EVEN);
-    levels.iter_mut().filter(of_side).for_each(|l| l.sd = sd);
+    levels.iter_mut().filter(|l| of_side(l)).for_each(|l| l.sd = sd);
 }
 
 /// Mean levels of each sector beyond `clear_px` either side of the contour.
