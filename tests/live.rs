@@ -203,6 +203,19 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
         "0.01",
     ]);
     assert_eq!((code, json["frames_seen"].as_u64()), (Some(0), Some(4)), "{json:#}");
+    // What is seen is never drawn over a picture that is looked at.
+    let own = pictures.join("0.jpg");
+    let before = std::fs::read(&own).unwrap();
+    let (_, code, words) = run(&[
+        "center",
+        pictures.to_str().unwrap(),
+        "--calib",
+        calib.to_str().unwrap(),
+        "--overlay",
+        own.to_str().unwrap(),
+    ]);
+    assert!(code == Some(2) && words.contains("--overlay") && words.contains("0.jpg"), "{words}");
+    assert_eq!(std::fs::read(&own).unwrap(), before);
 }
 
 /// Starts the program with pipes.

@@ -1,7 +1,7 @@
 //! `pivotsight center`: guides an operator over the centre of a rim or a mark.
 
 use std::io::{IsTerminal, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::outfiles::OutFile;
@@ -9,9 +9,9 @@ use super::{Global, Outcome, Status, result};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::{Error, Result};
-use crate::live::Feed;
 use crate::live::center::{self, News, Options, Report};
 use crate::live::store::{Position, Store};
+use crate::live::{self, Feed};
 use crate::output::{Document, write_whole};
 use crate::uncertainty::{Verdict, text};
 
@@ -74,6 +74,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let at = args.at.as_deref().map(Position::parse).transpose()?;
     let calibration = Calibration::read(&args.calib)?;
     let mut store = args.store.as_deref().map(Store::open).transpose()?;
+    global.reads(Path::new(&args.source), live::files(&args.source)?)?;
     let mut feed = Feed::open(&args.source)?;
     let mut terminal = Terminal::new(global);
     let mut drawn: Option<Instant> = None;

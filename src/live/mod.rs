@@ -9,4 +9,4 @@ mod source;
 pub mod store;
 
 pub use feed::{Event, Feed, Stats};
-pub use source::Shot;
+pub use source::{Shot, files};

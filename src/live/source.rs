@@ -94,31 +94,48 @@ impl Source for Video {
     }
 }
 
-/// The pictures of a folder in the order of their names.
+/// The pictures of a folder, one after the other.
 struct Folder(std::vec::IntoIter<PathBuf>);
 
 impl Folder {
     fn open(path: &Path) -> Result<Self> {
-        let read = |e| Error::io(path, "read", e);
-        let mut files = Vec::new();
-        for entry in std::fs::read_dir(path).map_err(read)? {
-            let file = entry.map_err(read)?.path();
-            let extension = file.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-            if ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "pnm"]
-                .contains(&extension.as_str())
-            {
-                files.push(file);
-            }
+        Ok(Self(pictures(path)?.into_iter()))
+    }
+}
+
+/// The pictures of a folder in the order of their names.
+fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
+    let read = |e| Error::io(folder, "read", e);
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(read)? {
+        let file = entry.map_err(read)?.path();
+        let extension = file.extension().unwrap_or_default().to_string_lossy().to_lowercase();
+        if ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "pnm"].contains(&extension.as_str())
+        {
+            files.push(file);
         }
-        if files.is_empty() {
-            return Err(Error::file(
-                path,
-                "has no pictures",
-                "give a folder with PNG, JPEG or TIFF files",
-            ));
-        }
-        files.sort();
-        Ok(Self(files.into_iter()))
+    }
+    if files.is_empty() {
+        return Err(Error::file(
+            folder,
+            "has no pictures",
+            "give a folder with PNG, JPEG or TIFF files",
+        ));
+    }
+    files.sort();
+    Ok(files)
+}
+
+/// The files that a source is read from: a folder's pictures, a video; none of a camera or a stream.
+///
+/// # Errors
+/// A folder that cannot be read, or has no pictures.
+pub fn files(source: &str) -> Result<Vec<PathBuf>> {
+    let path = Path::new(source);
+    if path.is_dir() {
+        pictures(path)
+    } else {
+        Ok(path.is_file().then(|| path.into()).into_iter().collect())
     }
 }
 
