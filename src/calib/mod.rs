@@ -2,6 +2,7 @@
 //! calibration still holds.
 
 pub mod check;
+mod homography;
 pub mod laser;
 pub mod lens;
 pub mod mark;

@@ -7,6 +7,7 @@ mod jpeg;
 mod mjpeg;
 mod source;
 pub mod store;
+mod track;
 
 pub use feed::{Event, Feed, Stats};
 pub use source::{Shot, files};

@@ -7,6 +7,7 @@
 
 mod beam;
 pub mod burn;
+mod burn_scene;
 pub mod camera;
 mod draw;
 mod expose;
@@ -15,6 +16,7 @@ mod noise;
 mod picture;
 mod plan;
 pub mod rod;
+mod rod_scene;
 mod scene;
 mod surface;
 pub mod target;

@@ -6,6 +6,7 @@
 
 pub mod compensate;
 pub mod head;
+mod law;
 mod model;
 pub mod screw;
 pub mod simulate;

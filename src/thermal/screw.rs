@@ -2,13 +2,12 @@
 
 use std::path::PathBuf;
 
-use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::fit::least_squares;
 use crate::fit::tails::ln_f_tail;
 use crate::table::Table;
+use crate::thermal::law::{Law, Line, Point};
 use crate::uncertainty::k95;
 
 /// Rows whose screw temperatures are closer than this belong to one calibration run.
@@ -23,14 +22,6 @@ pub struct Options {
     pub p0_mm: Vec<(String, f64)>,
     /// Temperature at which an axis' slope is zero; otherwise taken from the data.
     pub t0_c: Vec<(String, f64)>,
-}
-
-/// One calibration row.
-#[derive(Debug, Clone, Copy)]
-struct Point {
-    screw_c: f64,
-    position_mm: f64,
-    error_mm: f64,
 }
 
 /// All rows, by axis in the order of the file.
@@ -342,118 +333,4 @@ fn runs(points: &[Point]) -> Vec<Vec<Point>> {
         last = point.screw_c;
     }
     runs
-}
-
-/// The straight line of one run.
-struct Line {
-    screw_c: f64,
-    slope: f64,
-    intercept: f64,
-    /// Standard error of the slope for readings of unit noise.
-    slope_factor: f64,
-    mean_mm: f64,
-    count: f64,
-    left: f64,
-}
-
-impl Line {
-    fn fit(run: &[Point]) -> Option<Self> {
-        let count = run.len() as f64;
-        let mean = |f: fn(&Point) -> f64| run.iter().map(f).sum::<f64>() / count;
-        let (mp, me) = (mean(|p| p.position_mm), mean(|p| p.error_mm));
-        let pp: f64 = run.iter().map(|p| (p.position_mm - mp).powi(2)).sum();
-        if pp <= 1e-12 {
-            return None;
-        }
-        let slope = run.iter().map(|p| (p.position_mm - mp) * (p.error_mm - me)).sum::<f64>() / pp;
-        let left =
-            run.iter().map(|p| (p.error_mm - me - slope * (p.position_mm - mp)).powi(2)).sum();
-        Some(Self {
-            screw_c: mean(|p| p.screw_c),
-            slope,
-            intercept: me - slope * mp,
-            slope_factor: pp.sqrt().recip(),
-            mean_mm: mp,
-            count,
-            left,
-        })
-    }
-
-    /// Standard error of the line's value at a position, for readings of unit noise.
-    fn value_factor(&self, position_mm: f64) -> f64 {
-        (1.0 / self.count + ((position_mm - self.mean_mm) * self.slope_factor).powi(2)).sqrt()
-    }
-}
-
-/// `error = k (T - T0) (P - P0)` (+ a free offset for each run) over all points.
-struct Law<'a> {
-    points: &'a [Point],
-    runs: &'a [Vec<Point>],
-    noise: f64,
-    t0: Option<f64>,
-    p0: Option<f64>,
-    free_offsets: bool,
-}
-
-struct LawSolution {
-    parameters: [f64; 3],
-    covariance: [[f64; 3]; 3],
-    chi2: f64,
-    rank: usize,
-}
-
-impl Law<'_> {
-    fn solve(&self, start: [f64; 3]) -> LawSolution {
-        let free: Vec<usize> = [true, self.t0.is_none(), self.p0.is_none()]
-            .iter()
-            .enumerate()
-            .filter(|(_, f)| **f)
-            .map(|(i, _)| i)
-            .collect();
-        let offsets = if self.free_offsets { self.runs.len() } else { 0 };
-        let rows: Vec<(usize, Point)> = self
-            .runs
-            .iter()
-            .enumerate()
-            .flat_map(|(r, run)| run.iter().map(move |p| (r, *p)))
-            .collect();
-        let unpack = |v: &DVector<f64>| {
-            let mut all = start;
-            free.iter().enumerate().for_each(|(a, &i)| all[i] = v[a]);
-            all
-        };
-        let mut first = DVector::zeros(free.len() + offsets);
-        free.iter().enumerate().for_each(|(a, &i)| first[a] = start[i]);
-        let solution = least_squares::solve(first, least_squares::Options::default(), |v| {
-            let [k, t0, p0] = unpack(v);
-            let mut residuals = DVector::zeros(self.points.len());
-            let mut jacobian = DMatrix::zeros(self.points.len(), v.len());
-            for (row, (run, point)) in rows.iter().enumerate() {
-                let (t, p) = (point.screw_c - t0, point.position_mm - p0);
-                let mut model = k * t * p;
-                let gradient = [t * p, -k * p, -k * t];
-                free.iter()
-                    .enumerate()
-                    .for_each(|(a, &i)| jacobian[(row, a)] = gradient[i] / self.noise);
-                if offsets > 0 {
-                    model += v[free.len() + run];
-                    jacobian[(row, free.len() + run)] = 1.0 / self.noise;
-                }
-                residuals[row] = (model - point.error_mm) / self.noise;
-            }
-            (residuals, jacobian)
-        });
-        let mut covariance = [[0.0; 3]; 3];
-        for (a, &i) in free.iter().enumerate() {
-            for (b, &j) in free.iter().enumerate() {
-                covariance[i][j] = solution.covariance[(a, b)];
-            }
-        }
-        LawSolution {
-            parameters: unpack(&solution.parameters),
-            covariance,
-            chi2: solution.chi2(),
-            rank: solution.rank,
-        }
-    }
 }

@@ -1,0 +1,222 @@
+//! Follows a rim or a mark from frame to frame.
+//!
+//! The first frame is searched and its edge measured in full. How far the edge has shifted since then is read from the pixels
+//! along it, at a tenth of the cost; after a move it is measured anew.
+
+use nalgebra::{Matrix3, Vector2, Vector3};
+
+use crate::calib::register::Patch;
+use crate::camera::View;
+use crate::find::{self, Candidate};
+use crate::fit::Circle;
+use crate::frame::Frame;
+use crate::live::center::Options;
+use crate::measure::expected::around;
+use crate::measure::points::Search;
+use crate::measure::ring::{self, Ring};
+use crate::measure::rod;
+use crate::uncertainty::K95;
+
+/// A circle is looked for within this share of its expected diameter.
+const DIAMETER_WINDOW: f64 = 0.12;
+/// Standard uncertainty of a given diameter: what the tolerance of a turned or ground part leaves.
+const DIAMETER_U_MM: f64 = 0.02;
+/// How far the edge may shift from where it was measured in full, px: the lens' and the plane's mapping hardly differ there.
+const SHIFT_PX: f64 = 1.5;
+/// How far it may jump before it is searched for in the whole frame, px.
+const NEARBY_PX: f64 = 8.0;
+/// Pixels along the edge that tell its shift.
+const ALONG: usize = 500;
+
+/// Finds the circle and follows it.
+pub(super) struct Tracker {
+    options: Options,
+    key: Option<Key>,
+}
+
+/// The last frame that was measured in full.
+struct Key {
+    ring: Ring,
+    /// Where its edge is looked for; `None` for an arc of a rim.
+    search: Option<Search>,
+    /// The pixels along its edge, and the middle of them.
+    patch: Patch,
+    middle: Vector2<f64>,
+}
+
+impl Tracker {
+    pub(super) fn new(options: Options) -> Self {
+        Self { options, key: None }
+    }
+
+    /// The circle in the next frame.
+    pub(super) fn look(&mut self, frame: &Frame, view: &View) -> Option<Ring> {
+        if let Some(ring) = self.key.as_ref().and_then(|key| key.shifted(frame, view)) {
+            return Some(ring);
+        }
+        let before = self.key.take();
+        let (ring, search) = match self.rim_mm(view) {
+            Some(diameter_mm) => (arc(frame, view, diameter_mm)?, None),
+            None => {
+                let near = before.and_then(|key| self.nearby(&key, frame, view));
+                let (ring, search) = near.or_else(|| self.find(frame, view))?;
+                (self.known_diameter(ring), Some(search))
+            }
+        };
+        self.key = Key::new(frame, ring.clone(), search);
+        Some(ring)
+    }
+
+    /// The diameter, where it is given and the frame can only hold an arc of it.
+    fn rim_mm(&self, view: &View) -> Option<f64> {
+        let field = view.width_px().min(view.height_px()) as f64 * view.pixel_mm();
+        self.options.diameter_mm.filter(|d| *d > 0.9 * field)
+    }
+
+    /// Near where it was, if it is still the same edge.
+    fn nearby(&self, key: &Key, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
+        let (last, search) = (&key.ring, key.search?);
+        let near = Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..search };
+        let ring = ring::measure(frame, view, last.circle, near, None)?;
+        let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
+            && ring.contrast.signum() == last.contrast.signum()
+            && ring.contrast.abs() > 0.4 * last.contrast.abs()
+            && ring.arc_coverage > 0.6 * last.arc_coverage;
+        same.then_some((ring, search))
+    }
+
+    /// Anywhere in the frame, and a little outside where an arc is seen of a larger rim.
+    fn find(&self, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
+        let look = find::look(frame);
+        let side = frame.width().max(frame.height()) as f64;
+        let expected = self.options.diameter_mm.map(|d| 0.5 * d / view.pixel_mm());
+        let (least, most) = match expected {
+            Some(r) => (r * (1.0 - DIAMETER_WINDOW), r * (1.0 + DIAMETER_WINDOW)),
+            None => (0.02 * side, 0.6 * side),
+        };
+        let candidates = find::circles(
+            &look,
+            find::Options {
+                least_radius_px: least,
+                most_radius_px: most,
+                near: None,
+                least_coverage: if expected.is_some() { 0.1 } else { 0.35 },
+                centers: 8,
+                known: &[],
+            },
+        );
+        let rank = |c: &Candidate| {
+            let off = expected.map_or(0.0, |r| (c.circle.radius / r - 1.0) / 0.05);
+            c.score * c.circle.radius.sqrt() / (1.0 + off * off)
+        };
+        let mut order = candidates.clone();
+        order.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+        order.iter().take(4).find_map(|c| {
+            let (rough, search) = around(view, c, &candidates);
+            let ring = ring::measure(frame, view, rough, search, None)?;
+            let off = self.options.diameter_mm.map_or(0.0, |d| 2.0 * ring.circle.radius / d - 1.0);
+            (off.abs() < DIAMETER_WINDOW).then_some((ring, search))
+        })
+    }
+
+    /// A given diameter as one more observation: worth much where only an arc is seen.
+    fn known_diameter(&self, mut ring: Ring) -> Ring {
+        let Some(d) = self.options.diameter_mm else { return ring };
+        let gap = 0.5 * d - ring.circle.radius;
+        let total = ring.covariance[(2, 2)] + (0.5 * DIAMETER_U_MM).powi(2);
+        if gap.abs() > 3.0 * total.sqrt() {
+            return ring;
+        }
+        let gain = ring.covariance.column(2) / total;
+        ring.covariance -= gain * gain.transpose() * total;
+        ring.circle = Circle {
+            center: ring.circle.center + Vector2::new(gain[0], gain[1]) * gap,
+            radius: ring.circle.radius + gain[2] * gap,
+        };
+        ring
+    }
+}
+
+impl Key {
+    /// `None` for an edge that is hardly seen.
+    fn new(frame: &Frame, ring: Ring, search: Option<Search>) -> Option<Self> {
+        let used: Vec<Vector2<f64>> =
+            ring.trace.iter().filter(|(_, used)| *used).map(|(p, _)| *p).collect();
+        if used.len() < 12 {
+            return None;
+        }
+        let middle = (used.iter().sum::<Vector2<f64>>() / used.len() as f64).map(f64::round);
+        let half = (2.5 * ring.softness_px + 3.0).ceil() as i64;
+        let step = used.len().div_ceil(ALONG).max(1);
+        let offsets = used
+            .iter()
+            .step_by(step)
+            .flat_map(|p| {
+                let out = (p - ring.center_px).normalize();
+                // Whole pixels: the reference is not interpolated.
+                (-half..=half).map(move |i| (p + out * i as f64).map(f64::round) - middle)
+            })
+            .collect();
+        let patch = match frame {
+            Frame::Eight(gray) => Patch::cut(gray, middle, offsets),
+            Frame::Sixteen(gray) => Patch::cut(gray, middle, offsets),
+        };
+        Some(Self { ring, search, patch, middle })
+    }
+
+    /// The circle where the edge's pixels have shifted to; `None` where they are gone too far.
+    fn shifted(&self, frame: &Frame, view: &View) -> Option<Ring> {
+        let (place, _) = match frame {
+            Frame::Eight(gray) => self.patch.register(gray, self.middle, SHIFT_PX),
+            Frame::Sixteen(gray) => self.patch.register(gray, self.middle, SHIFT_PX),
+        }?;
+        let mut ring = self.ring.clone();
+        ring.circle.center += view.to_plane(place) - view.to_plane(self.middle);
+        ring.center_px += place - self.middle;
+        ring.trace.iter_mut().for_each(|(p, _)| *p += place - self.middle);
+        Some(ring)
+    }
+}
+
+/// A rim of which the frame holds an arc, measured as a check rod's single capture.
+fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
+    let capture = rod::Capture::in_memory(String::new(), Vector2::zeros(), 0.0);
+    let options = rod::Options { diameter_mm: Some(diameter_mm), ..Default::default() };
+    let seen = rod::measure_frames(&[capture], &[(frame.clone(), view.clone())], &options).ok()?;
+    let center = seen.report.rod_centers.first()?;
+    let circle = *seen.circles.first()?;
+    // A given diameter that the arc contradicts was not used, and an arc alone says too little.
+    if (2.0 * circle.radius / diameter_mm - 1.0).abs() > 0.02 {
+        return None;
+    }
+    let [x, y] = center.center_u95_mm.map(|u| (u / K95).powi(2));
+    let used = seen.points.iter().filter(|p| p.used).count();
+    Some(Ring {
+        circle,
+        covariance: Matrix3::from_diagonal(&Vector3::new(x, y, 0.0)),
+        dof: f64::INFINITY,
+        fitted_sd_mm: (x + y).sqrt(),
+        center_px: view.to_pixel(circle.center),
+        form_rms_mm: seen.report.form_rms_mm,
+        form_from_texture_mm: 0.0,
+        edge_points: used,
+        arc_coverage: used as f64 * arc_step(&seen.points) * view.pixel_mm()
+            / (std::f64::consts::TAU * circle.radius),
+        contrast: 0.0,
+        noise: 0.0,
+        softness_px: 2.0,
+        blur_mm: 0.0,
+        clipped_inside: false,
+        clipped_outside: false,
+        wander: Default::default(),
+        trace: seen.points.iter().map(|p| (p.pixel, p.used)).collect(),
+        residuals: Vec::new(),
+    })
+}
+
+/// Typical distance of neighbouring edge points, px.
+fn arc_step(points: &[rod::EdgePoint]) -> f64 {
+    let mut steps: Vec<f64> = points.windows(2).map(|w| (w[1].pixel - w[0].pixel).norm()).collect();
+    steps.sort_by(f64::total_cmp);
+    steps.get(steps.len() / 2).copied().unwrap_or(0.0)
+}
