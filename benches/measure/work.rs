@@ -40,7 +40,8 @@ pub fn one_thread<T: Send>(job: impl FnOnce() -> T + Send) -> T {
 
 /// Time to copy the picture's frame to memory that is there already.
 pub fn frame_copy_ms(picture: &Picture) -> f64 {
-    let Frame::Eight(gray) = picture.frame(Channel::Luminance) else { return f64::NAN };
+    let frame = picture.frame(Channel::Luminance);
+    let Frame::Eight(gray) = &*frame else { return f64::NAN };
     let mut target = gray.data.clone();
     median_ms(25, || black_box(&mut target).copy_from_slice(black_box(&gray.data)))
 }

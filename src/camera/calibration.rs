@@ -1,6 +1,7 @@
 //! The calibration file (`calib/*.toml`): a pinhole camera with Brown-Conrady distortion and the plane it
 //! measures in, or just a scale for a quick start.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use nalgebra::Matrix3;
@@ -8,7 +9,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::View;
 use crate::error::{Error, Result};
-use crate::frame::Frame;
+use crate::frame::{Channel, Frame, Picture};
 use crate::tomlfile;
 
 /// What a camera's gamma may be.
@@ -266,6 +267,12 @@ impl Calibration {
     /// The frame with counts that are light.
     pub fn linear(&self, frame: Frame) -> Frame {
         light(frame, self.gamma)
+    }
+
+    /// The same of a picture's channel, without a copy where counts are light.
+    pub fn light_in<'a>(&self, picture: &'a Picture, channel: Channel) -> Cow<'a, Frame> {
+        let frame = picture.frame(channel);
+        if self.gamma == 1.0 { frame } else { Cow::Owned(self.linear(frame.into_owned())) }
     }
 
     /// As [`Calibration::view`]; the error names the picture too.

@@ -60,7 +60,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             overlay,
         };
         if args.cross_check {
-            let frame = calibration.linear(picture.frame(report.channel));
+            let frame = calibration.light_in(&picture, report.channel);
             let view = calibration.view(frame.width(), frame.height())?;
             shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
         }

@@ -1,5 +1,6 @@
 //! Decodes PNG, JPEG, TIFF, BMP and PNM by content, within limits, to one gray channel.
 
+use std::borrow::Cow;
 use std::io::{BufReader, Cursor};
 use std::path::Path;
 
@@ -60,8 +61,15 @@ impl Channel {
 /// A decoded picture, gray or colour.
 #[derive(Debug, Clone)]
 pub struct Picture {
-    image: DynamicImage,
+    pixels: Pixels,
     colour: bool,
+}
+
+/// Pixels as they were stored: gray ones are measured where they are.
+#[derive(Debug, Clone)]
+enum Pixels {
+    Gray(Frame),
+    Other(DynamicImage),
 }
 
 impl Picture {
@@ -124,7 +132,17 @@ impl Picture {
         }
         let image = DynamicImage::from_decoder(decoder).map_err(fail)?;
         let colour = is_colour(&image);
-        Ok(Self { image, colour })
+        let (width, height) = (width as usize, height as usize);
+        let pixels = match image {
+            DynamicImage::ImageLuma8(b) => {
+                Pixels::Gray(Frame::Eight(Gray { width, height, data: b.into_raw() }))
+            }
+            DynamicImage::ImageLuma16(b) => {
+                Pixels::Gray(Frame::Sixteen(Gray { width, height, data: b.into_raw() }))
+            }
+            other => Pixels::Other(other),
+        };
+        Ok(Self { pixels, colour })
     }
 
     /// Whether the channels differ anywhere.
@@ -134,7 +152,10 @@ impl Picture {
 
     /// Pixels a row and rows.
     pub fn size(&self) -> (usize, usize) {
-        (self.image.width() as usize, self.image.height() as usize)
+        match &self.pixels {
+            Pixels::Gray(frame) => (frame.width(), frame.height()),
+            Pixels::Other(image) => (image.width() as usize, image.height() as usize),
+        }
     }
 
     /// The channels worth trying for `choice`: one, or for a colour picture under `Auto` all of them.
@@ -148,16 +169,25 @@ impl Picture {
         }
     }
 
-    /// One channel as a gray frame. `Auto` is luminance here.
-    pub fn frame(&self, channel: Channel) -> Frame {
+    /// One channel as a gray frame, without a copy where the picture is one. `Auto` is luminance here.
+    pub fn frame(&self, channel: Channel) -> Cow<'_, Frame> {
+        match &self.pixels {
+            Pixels::Gray(frame) => Cow::Borrowed(frame),
+            Pixels::Other(image) => Cow::Owned(self.one(image, channel)),
+        }
+    }
+
+    /// The same of a picture that is not needed any more.
+    pub fn into_frame(self, channel: Channel) -> Frame {
+        match self.pixels {
+            Pixels::Gray(frame) => frame,
+            Pixels::Other(ref image) => self.one(image, channel),
+        }
+    }
+
+    fn one(&self, image: &DynamicImage, channel: Channel) -> Frame {
         let (width, height) = self.size();
-        match &self.image {
-            DynamicImage::ImageLuma8(b) => {
-                Frame::Eight(Gray { width, height, data: b.as_raw().clone() })
-            }
-            DynamicImage::ImageLuma16(b) => {
-                Frame::Sixteen(Gray { width, height, data: b.as_raw().clone() })
-            }
+        match image {
             other if deep(other) => {
                 let rgb = other.to_rgb16();
                 let data = rgb
@@ -169,18 +199,6 @@ impl Picture {
             }
             DynamicImage::ImageRgb8(b) => self.eight(b.as_raw(), channel),
             other => self.eight(other.to_rgb8().as_raw(), channel),
-        }
-    }
-
-    /// The picture as one gray frame, without a copy where it already is one.
-    pub fn into_frame(self, channel: Channel) -> Frame {
-        let (width, height) = self.size();
-        match self.image {
-            DynamicImage::ImageLuma8(b) => Frame::Eight(Gray { width, height, data: b.into_raw() }),
-            DynamicImage::ImageLuma16(b) => {
-                Frame::Sixteen(Gray { width, height, data: b.into_raw() })
-            }
-            _ => self.frame(channel),
         }
     }
 
@@ -293,7 +311,7 @@ mod tests {
         }));
         let picture = Picture::decode("c.bmp", &encoded(&colour, image::ImageFormat::Bmp)).unwrap();
         assert!(picture.is_colour());
-        let Frame::Eight(red) = picture.frame(Channel::Red) else { panic!() };
+        let Frame::Eight(red) = &*picture.frame(Channel::Red) else { panic!() };
         assert_eq!(red.row(3)[5], 5);
     }
 

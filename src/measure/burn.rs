@@ -109,7 +109,7 @@ pub fn measure(
     let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel: Channel| {
         let (ring, spot, warnings) = marks::measure(
-            &calibration.linear(picture.frame(channel)),
+            &calibration.light_in(picture, channel),
             &view,
             options.near_mm,
             subject,

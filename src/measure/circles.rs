@@ -82,7 +82,7 @@ pub fn measure(
     let (width, height) = picture.size();
     let view = calibration.view_of(subject, width, height)?;
     let attempt = |channel| {
-        let frame = calibration.linear(picture.frame(channel));
+        let frame = calibration.light_in(picture, channel);
         in_frame(&frame, &view, options, channel, subject)
     };
     // The circle whose centre is known worst.
