@@ -92,6 +92,9 @@ const LONG: f64 = 0.2;
 /// Shares of the wandering part tried.
 const SHARES: [f64; 6] = [0.15, 0.35, 0.6, 0.8, 0.92, 0.98];
 
+/// Log likelihood below the best at which a grid point does not count.
+const NEGLIGIBLE: f64 = 12.0;
+
 struct Candidate {
     beta: DVector<f64>,
     covariance: DMatrix<f64>,
@@ -117,23 +120,35 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     let grid = grid(rows, known);
     let mut candidates = at_grid_point(rows, mean_variance, WHITE, &[], grid.white);
     let white = candidates.len();
+    let likeliest = |list: &[Candidate]| {
+        list.iter().map(|c| c.log_likelihood).fold(f64::NEG_INFINITY, f64::max)
+    };
     // Kernels that differ in size alone stand side by side.
     let (mut of, mut how_alike) = (None, Vec::new());
+    let mut best = likeliest(&candidates);
+    let mut start = SHARES.len() / 2;
     for (kernel, length, probability) in grid.kernels {
         if of != Some((kernel.shape, length)) {
             (of, how_alike) = (Some((kernel.shape, length)), alike(rows, kernel.shape, length));
         }
-        for share in SHARES {
-            let wandering = Wandering { share, length, kernel };
-            let probability = probability / SHARES.len() as f64;
-            candidates.extend(at_grid_point(
-                rows,
-                mean_variance,
-                wandering,
-                &how_alike,
-                probability,
-            ));
+        // From the share that was likeliest so far both ways, until nothing comes that would count.
+        let mut here = [f64::NEG_INFINITY; SHARES.len()];
+        let up = (start..SHARES.len()).map(|i| (i, i.wrapping_sub(1)));
+        let down = (0..start).rev().map(|i| (i, i + 1));
+        for way in [up.collect::<Vec<_>>(), down.collect()] {
+            for (i, before) in way {
+                let wandering = Wandering { share: SHARES[i], length, kernel };
+                let probability = probability / SHARES.len() as f64;
+                let found = at_grid_point(rows, mean_variance, wandering, &how_alike, probability);
+                here[i] = likeliest(&found);
+                best = best.max(here[i]);
+                candidates.extend(found);
+                if i != start && here[i] < here[before] && here[i] < best - NEGLIGIBLE {
+                    break;
+                }
+            }
         }
+        start = (0..SHARES.len()).max_by(|&a, &b| here[a].total_cmp(&here[b])).unwrap_or(start);
     }
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
     let (_, extent) = spacing_and_extent(rows);
