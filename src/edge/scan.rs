@@ -198,10 +198,7 @@ fn scan_pixels<T: Pixel>(
                     }
                     let own = || sector_at(positive(here.angle + i as f64 * turn));
                     let Some(sector) = (if one { first } else { own() }) else { continue };
-                    let cell = &mut cells[sector * bins + bin as usize];
-                    cell.count += 1.0;
-                    cell.value += pixel;
-                    cell.distance_px += distance as f32;
+                    cells[sector * bins + bin as usize].add(pixel, distance as f32);
                     top = top.max(pixel);
                 }
                 dx += k * part.len() as f64;
@@ -209,8 +206,8 @@ fn scan_pixels<T: Pixel>(
             }
         }
     }
-    let mean = |sum: fn(&Cell) -> f32| -> Vec<f32> {
-        cells.iter().map(|c| if c.count > 0.0 { sum(c) / c.count } else { 0.0 }).collect()
+    let mean = |sum: usize| -> Vec<f32> {
+        cells.iter().map(|c| if c.0[0] > 0.0 { c.0[sum] / c.0[0] } else { 0.0 }).collect()
     };
     let step = contour.span_rad / band.sectors as f64;
     let angle_rad =
@@ -219,9 +216,9 @@ fn scan_pixels<T: Pixel>(
         band,
         bins,
         angle_rad,
-        count: cells.iter().map(|c| c.count).collect(),
-        value: mean(|c| c.value),
-        distance_px: mean(|c| c.distance_px),
+        count: cells.iter().map(|c| c.0[0]).collect(),
+        value: mean(1),
+        distance_px: mean(2),
         top,
         hidden: None,
     }
@@ -231,12 +228,17 @@ fn scan_pixels<T: Pixel>(
 const MOST_EVEN: usize = 16;
 const EVEN: f64 = 24.0;
 
-/// What falls into one bin of one sector.
+/// What falls into one bin of one sector: pixels, the sums of their values and distances, and nothing, as the processor adds four at
+/// once.
 #[derive(Clone, Copy, Default)]
-struct Cell {
-    count: f32,
-    value: f32,
-    distance_px: f32,
+struct Cell([f32; 4]);
+
+impl Cell {
+    #[inline]
+    fn add(&mut self, value: f32, distance_px: f32) {
+        let pixel = [1.0, value, distance_px, 0.0];
+        self.0.iter_mut().zip(pixel).for_each(|(sum, v)| *sum += v);
+    }
 }
 
 /// Where a pixel lies: angle from the contour's start in 0..2π, radius and normal's cosine of the contour there.

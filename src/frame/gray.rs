@@ -105,10 +105,29 @@ impl<T: Pixel> Gray<T> {
                 *sum += T::Sum::from(*p);
             }
         }
-        let scale = 1.0 / (factor * factor) as f32;
-        let mean = |block: &[T::Sum]| scale * block.iter().map(|&s| s.into()).sum::<u32>() as f32;
-        means.extend(columns.chunks_exact(factor).map(mean));
+        match factor {
+            2 => joined::<2, _>(columns, means),
+            3 => joined::<3, _>(columns, means),
+            4 => joined::<4, _>(columns, means),
+            5 => joined::<5, _>(columns, means),
+            6 => joined::<6, _>(columns, means),
+            7 => joined::<7, _>(columns, means),
+            8 => joined::<8, _>(columns, means),
+            10 => joined::<10, _>(columns, means),
+            _ => {
+                let scale = 1.0 / (factor * factor) as f32;
+                let sum = |block: &[T::Sum]| block.iter().map(|&s| s.into()).sum::<u32>();
+                means.extend(columns.chunks_exact(factor).map(|b| scale * sum(b) as f32));
+            }
+        }
     }
+}
+
+/// Appends the means of blocks of `N`² pixels to `means`, from the sums of their columns; a number that is known is several times as fast.
+fn joined<const N: usize, S: Copy + Into<u32>>(columns: &[S], means: &mut Vec<f32>) {
+    let scale = 1.0 / (N * N) as f32;
+    let blocks = columns.as_chunks::<N>().0;
+    means.extend(blocks.iter().map(|b| scale * b.iter().map(|&s| s.into()).sum::<u32>() as f32));
 }
 
 /// A gray frame as decoded.
