@@ -97,7 +97,8 @@ pub(super) fn values_along(
         let part = |v: i32| (v & ((1 << FRACTION) - 1)) as f32 * (1.0 / (1 << FRACTION) as f32);
         let (fx, fy) = (part(u), part(v));
         (u, v) = (u + along_u, v + along_v);
-        let (top, low) = (&image.data[at..at + 2], &image.data[at + w..at + w + 2]);
+        let near = &image.data[at..at + w + 2];
+        let (top, low) = (&near[..2], &near[w..]);
         let (top, low) = (top[0] + fx * (top[1] - top[0]), low[0] + fx * (low[1] - low[0]));
         top + fy * (low - top)
     }));

@@ -63,11 +63,7 @@ pub(crate) const ITSELF: f64 = 1.5;
 
 /// Circles in the picture, best first.
 pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
-    let mut centers = votes::centers(look, options, &[]);
-    if !options.known.is_empty() {
-        centers.extend(votes::centers(look, options, options.known));
-        centers = votes::apart(centers);
-    }
+    let centers = votes::centers(look, options);
     let mut hints: Vec<rays::Hint> =
         centers.into_iter().flat_map(|center| rays::hints(look, center, options)).collect();
     hints.sort_by(|a, b| b.weight().total_cmp(&a.weight()));

@@ -106,6 +106,7 @@ impl Rays {
 
     /// How well the directions agree at each radius on an edge, and on its sense.
     fn agreement(&self) -> Vec<f64> {
+        const LANES: usize = 8;
         // Every few of them know what is typical.
         const EVERY: usize = 5;
         let mut sizes: Vec<f32> = (self.slope.as_flattened().iter().step_by(EVERY))
@@ -134,12 +135,20 @@ impl Rays {
                         *best = if weaker { *best } else { *v };
                     }
                 }
-                let (mut sum, mut size, mut n) = (0.0f32, 0.0f32, 0.0f32);
-                for v in best.iter().filter(|v| !v.is_nan()) {
-                    n += 1.0;
-                    sum += (v * unit).clamp(-1.0, 1.0);
-                    size += (v * whole).clamp(-1.0, 1.0);
+                // Side by side, as the processor adds several at once.
+                let (mut sums, mut sizes, mut counts) =
+                    ([0.0f32; LANES], [0.0f32; LANES], [0.0f32; LANES]);
+                for lanes in best.as_chunks::<LANES>().0 {
+                    for i in 0..LANES {
+                        let (v, count) =
+                            if lanes[i].is_nan() { (0.0, 0.0) } else { (lanes[i], 1.0) };
+                        counts[i] += count;
+                        sums[i] += (v * unit).clamp(-1.0, 1.0);
+                        sizes[i] += (v * whole).clamp(-1.0, 1.0);
+                    }
                 }
+                let total = |lanes: [f32; LANES]| lanes.iter().sum::<f32>();
+                let (sum, size, n) = (total(sums), total(sizes), total(counts));
                 // Where all directions agree over several radii, the steepest one is the edge.
                 if n >= 0.15 * RAYS as f32 {
                     f64::from((sum + 0.05 * size) / n * (n / RAYS as f32).sqrt())
@@ -209,6 +218,10 @@ impl Rays {
 fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Option<Candidate> {
     /// A circle that shows so little of the coverage it needs, as a part, will not come to it.
     const HOPELESS: f64 = 0.6;
+    /// How often points are weighed anew before they are looked for anew.
+    const REWEIGHTED: usize = 3;
+    /// Where a circle still moves by more, half of the directions tell where to; in reduced pixels.
+    const ROUGH: f64 = 0.5;
     let Hint { circle: rough, sense, .. } = *hint;
     let (blur, image) = (&look.scales[hint.scale].0, &look.scales[hint.scale].1);
     let k = look.factor as f64;
@@ -221,12 +234,13 @@ fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Op
     // Blurred pictures hold no finer detail; slopes are taken over two pixels or the least there is.
     let step = (0.4 * blur).clamp(0.5, 1.5);
     let reach = (1.0 / step).round().max(1.0) as usize;
+    let mut rough_yet = true;
     for round in 0..6 {
         points.clear();
         slopes.clear();
         let mut visible = 0.0;
         // Half of the directions will do for a small circle.
-        let every = if guess.radius < 0.4 * RAYS as f64 { 2 } else { 1 };
+        let every = if rough_yet || guess.radius < 0.4 * RAYS as f64 { 2 } else { 1 };
         let rays = RAYS / every;
         let from = (guess.radius - window).max(1.0);
         let steps = ((guess.radius + window - from) / step) as usize;
@@ -270,7 +284,7 @@ fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Op
         let strong = *sorted.select_nth_unstable_by(at, f64::total_cmp).1;
         let weights: Vec<f64> =
             slopes.iter().map(|s| if *s > 0.25 * strong { 1.0 } else { 0.0 }).collect();
-        let fitted = circle::robust(&points, &weights, Some(guess), 0.35)?;
+        let fitted = circle::reweighted(&points, &weights, guess, 0.35, REWEIGHTED)?;
         let r = fitted.circle.radius;
         if (r - rough.radius).abs() > 0.3 * rough.radius + 4.0
             || (fitted.circle.center - rough.center).norm() > 0.4 * rough.radius + 6.0
@@ -291,9 +305,10 @@ fn refine(look: &Look, hint: &Hint, windows: (f64, f64), options: Options) -> Op
         }
         result = Some((coverage, fitted.scale));
         window = (window * 0.7).max(windows.1);
-        if moved < 0.05 {
+        if moved < 0.05 && !rough_yet {
             break;
         }
+        rough_yet &= moved > ROUGH && round < 3;
     }
     let (coverage, scale_px) = result?;
     let radius_px = guess.radius * k;

@@ -12,81 +12,95 @@ const STRONGEST: f64 = 0.12;
 /// Most of them that vote.
 const VOTERS: usize = 6000;
 
-/// Reduced pixels that share a cell of votes, each way, and for soft edges: lines meet no sharper than that.
-const CELL: usize = 2;
-const SOFT_CELL: usize = 4;
-/// Blur from which edges are soft.
-const SOFT: f64 = 4.0;
-
 /// Gradients so many softnesses from a known edge that point so much as its own (cosine) are the edge's.
 const BESIDE: f64 = 2.5;
 const ALONG: f64 = 0.9;
 
-/// Likely centres in reduced pixels, best first, when the edges of `known` have no vote.
-pub(super) fn centers(look: &Look, options: Options, known: &[Candidate]) -> Vec<Vector2<f64>> {
+/// Likely centres in reduced pixels, best first: with all edges voting, and then without the known ones.
+pub(super) fn centers(look: &Look, options: Options) -> Vec<Vector2<f64>> {
+    let mut found = vec![Vec::new(); if options.known.is_empty() { 1 } else { 2 }];
+    for (scale, image) in &look.scales {
+        let place = options
+            .near
+            .map(|(p, r)| (look.reduced(p), (r + options.most_radius_px) / look.factor as f64));
+        // Neighbouring gradients of a blurred picture say the same.
+        let stride = (0.6 * scale).ceil() as usize;
+        let mut gradients = gradients(image, stride, place);
+        for (pass, found) in found.iter_mut().enumerate() {
+            if pass == 1 {
+                let known: Vec<Edge> =
+                    options.known.iter().map(|c| Edge::new(c, look, *scale)).collect();
+                gradients.retain(|g| !known.iter().any(|edge| edge.has(g)));
+            }
+            found.extend(peaks_of(&gradients, look, *scale, options));
+        }
+    }
+    let mut kept = Vec::new();
+    for mut found in found {
+        if let Some((place, reach)) = options.near {
+            let (place, reach) = (look.reduced(place), reach / look.factor as f64);
+            found.retain(|(_, p)| (p - place).norm() <= reach);
+            found.insert(0, (f32::INFINITY, place));
+        }
+        found.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let likely = apart(found.into_iter().map(|(_, p)| p));
+        kept.extend(likely.into_iter().take(2 * options.centers));
+    }
+    apart(kept)
+}
+
+/// Where the lines of gradients at one scale meet, in reduced pixels, and how clearly.
+fn peaks_of(
+    gradients: &[Gradient],
+    look: &Look,
+    scale: f64,
+    options: Options,
+) -> Vec<(f32, Vector2<f64>)> {
     let (w, h) = look.size();
     let k = look.factor as f64;
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
     // Centres may lie outside the frame by a third of its size.
     let pad = w.max(h) / 3;
-    let mut found: Vec<(f32, Vector2<f64>)> = Vec::new();
-    for (scale, image) in &look.scales {
-        let side = if *scale < SOFT { CELL } else { SOFT_CELL };
-        let cell = side as f32;
-        let whole = [(w + 2 * pad) / side + 1, (h + 2 * pad) / side + 1];
-        let cells = 1.0 / side as f64;
-        // Lines meet less sharply for soft edges.
-        let (meet, about) = ((1.0 + 0.5 * scale) * cells, (6.0 + 3.0 * scale) * cells);
-        // Neighbouring gradients of a blurred picture say the same.
-        let stride = (0.6 * scale).round().max(1.0) as usize;
-        let place = options.near.map(|(p, r)| (look.reduced(p), r / k + far));
-        let mut gradients = gradients(image, stride, place);
-        let known: Vec<Edge> = known.iter().map(|c| Edge::new(c, look, *scale)).collect();
-        gradients.retain(|g| !known.iter().any(|edge| edge.has(g)));
-        let least = threshold(&gradients, look.noise / scale.powi(2));
-        // Where no line leads there is no peak: what votes may reach, and what is needed about it.
-        let reached = place.map(|(p, r)| {
-            let reach = (r + far) * cells + 3.0 * meet + 3.0f64.sqrt() * about + 4.0;
-            ((p + Vector2::repeat(pad as f64 + 0.5)) * cells, reach)
-        });
-        let mut votes = Votes::new(whole, reached);
-        let strong: Vec<&Gradient> = gradients.iter().filter(|g| g.size >= least).collect();
-        for g in strong.iter().step_by(strong.len().div_ceil(VOTERS).max(1)) {
-            // Strong edges count more, but not by their full strength: a lamp is no better circle than a burn.
-            let weight = (g.size / least).sqrt().min(2.0);
-            let (dx, dy) = (g.dx / g.size, g.dy / g.size);
-            for sign in [1.0f32, -1.0] {
-                let (sx, sy) = (sign * dx, sign * dy);
-                let r = near.max(1.0) as f32;
-                let x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
-                let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
-                // A line's votes spread with distance: what meets at a far centre counts as much as near.
-                let steps = ((far - near) as f32 / cell) as usize + 1;
-                votes.add(Vector2::new(x, y), Vector2::new(sx, sy), steps, weight);
-            }
+    // Lines meet less sharply for soft edges.
+    let side = (1.5 + 0.5 * scale).round() as usize;
+    let cells = 1.0 / side as f64;
+    let cell = side as f32;
+    let whole = [(w + 2 * pad) / side + 1, (h + 2 * pad) / side + 1];
+    let (meet, about) = ((1.0 + 0.5 * scale) * cells, (6.0 + 3.0 * scale) * cells);
+    let least = threshold(gradients, look.noise / scale.powi(2));
+    // Where no line leads there is no peak: what votes may reach, and what is needed about it.
+    let reached = options.near.map(|(p, r)| {
+        let reach = (r / k + 2.0 * far) * cells + 3.0 * meet + 3.0f64.sqrt() * about + 4.0;
+        ((look.reduced(p) + Vector2::repeat(pad as f64 + 0.5)) * cells, reach)
+    });
+    let mut votes = Votes::new(whole, reached);
+    let strong: Vec<&Gradient> = gradients.iter().filter(|g| g.size >= least).collect();
+    for g in strong.iter().step_by(strong.len().div_ceil(VOTERS).max(1)) {
+        // Strong edges count more, but not by their full strength: a lamp is no better circle than a burn.
+        let weight = (g.size / least).sqrt().min(2.0);
+        let (dx, dy) = (g.dx / g.size, g.dy / g.size);
+        for sign in [1.0f32, -1.0] {
+            let (sx, sy) = (sign * dx, sign * dy);
+            let r = near.max(1.0) as f32;
+            let x = (g.x as f32 + pad as f32 + r * sx + 0.5) / cell;
+            let y = (g.y as f32 + pad as f32 + r * sy + 0.5) / cell;
+            // A line's votes spread with distance: what meets at a far centre counts as much as near.
+            let steps = ((far - near) as f32 / cell) as usize + 1;
+            votes.add(Vector2::new(x, y), Vector2::new(sx, sy), steps, weight);
         }
-        let peaked = above_surroundings(&blur(&votes.cells, meet), about);
-        let corner = votes.corner.map(|c| c as f64);
-        let middle = Vector2::repeat(pad as f64 + 0.5);
-        found.extend(
-            peaks(&peaked, options.centers, 5.0 * cells)
-                .into_iter()
-                .map(|(v, p)| (v, (p + corner + Vector2::repeat(0.5)) * side as f64 - middle)),
-        );
     }
-    if let Some((place, reach)) = options.near {
-        let place = look.reduced(place);
-        found.retain(|(_, p)| (p - place).norm() <= reach / k);
-        found.insert(0, (f32::INFINITY, place));
+    let peaked = above_surroundings(&blur(&votes.cells, meet), about);
+    let corner = votes.corner.map(|c| c as f64);
+    let middle = Vector2::repeat(pad as f64 + 0.5);
+    let mut list = peaks(&peaked, options.centers, 5.0 * cells);
+    for (_, p) in &mut list {
+        *p = (*p + corner + Vector2::repeat(0.5)) * side as f64 - middle;
     }
-    found.sort_by(|a, b| b.0.total_cmp(&a.0));
-    let mut kept = apart(found.into_iter().map(|(_, p)| p));
-    kept.truncate(2 * options.centers);
-    kept
+    list
 }
 
 /// Those that are not one with an earlier one.
-pub(super) fn apart(centers: impl IntoIterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
+fn apart(centers: impl IntoIterator<Item = Vector2<f64>>) -> Vec<Vector2<f64>> {
     let mut kept: Vec<Vector2<f64>> = Vec::new();
     for p in centers {
         if kept.iter().all(|q| (p - q).norm() > 2.5) {
@@ -266,13 +280,21 @@ fn gradients(
     let mut list = Vec::with_capacity(image.data.len() / (2 * stride * stride));
     for y in (1..image.height.saturating_sub(1)).step_by(stride) {
         let (above, row, below) = (image.row(y - 1), image.row(y), image.row(y + 1));
-        let first = 1 + (y / stride % 2) * stride;
-        for x in (first..image.width - 1).step_by(2 * stride) {
-            if let Some((p, r)) = within
-                && (Vector2::new(x as f64, y as f64) - p).norm_squared() > r * r
-            {
-                continue;
+        // Of a row the part within reach.
+        let (least, most) = match within {
+            Some((p, r)) => {
+                let half2 = r * r - (y as f64 - p.y).powi(2);
+                if half2 < 0.0 {
+                    continue;
+                }
+                ((p.x - half2.sqrt()).ceil().max(0.0) as usize, (p.x + half2.sqrt()).max(-1.0))
             }
+            None => (0, f64::INFINITY),
+        };
+        let end = (image.width - 1).min((most + 1.0) as usize);
+        let parity = 1 + (y / stride % 2) * stride;
+        let first = parity + least.saturating_sub(parity).div_ceil(2 * stride) * 2 * stride;
+        for x in (first..end).step_by(2 * stride) {
             let (dx, dy) = (row[x + 1] - row[x - 1], below[x] - above[x]);
             let size = (dx * dx + dy * dy).sqrt();
             list.push(Gradient { x, y, dx, dy, size });

@@ -163,14 +163,26 @@ pub fn robust(
     start: Option<Circle>,
     least_scale: f64,
 ) -> Option<Robust> {
-    /// Steps to the circle between two looks at the weights: a short arc's may be long, and the weights will change.
-    const STEPS: usize = 4;
-    let mut circle = match start {
+    let start = match start {
         Some(circle) => circle,
         None => taubin(points, weights)?,
     };
+    reweighted(points, weights, start, least_scale, 12)
+}
+
+/// The same from a circle that is near, in a few rounds at most.
+pub(crate) fn reweighted(
+    points: &[Vector2<f64>],
+    weights: &[f64],
+    start: Circle,
+    least_scale: f64,
+    rounds: usize,
+) -> Option<Robust> {
+    /// Steps to the circle between two looks at the weights: a short arc's may be long, and the weights will change.
+    const STEPS: usize = 4;
+    let mut circle = start;
     let mut result: Option<Robust> = None;
-    for round in 0..12 {
+    for round in 0..rounds {
         let distances: Vec<f64> = points.iter().map(|p| circle.distance(*p)).collect();
         let scale = robust_scale(&distances, weights).max(least_scale);
         let new: Vec<f64> =
@@ -183,7 +195,7 @@ pub fn robust(
         let moved = (next.center - circle.center).norm() + (next.radius - circle.radius).abs();
         circle = next;
         result = Some(Robust { circle, weights: new, scale });
-        if round > 1 && moved < 1e-3 * scale {
+        if round > 1 && moved < (1e-3 * scale).max(0.02 * least_scale) {
             break;
         }
     }
