@@ -67,45 +67,57 @@ impl Curve {
         values: &[f64],
         weights: &[f64],
     ) -> (Vec<f64>, f64, f64) {
-        let (n, p) = (self.basis.len(), self.widths[order]);
-        let mut fitted = vec![median(values, weights); n];
-        let mut sd = spread(values, &fitted, weights);
-        for _ in 0..6 {
-            let mut normal = SMatrix::<f64, MOST, MOST>::zeros();
-            let mut right = SVector::<f64, MOST>::zeros();
-            for s in 0..n {
-                let w = if sd > 0.0 {
-                    weights[s] * tukey((values[s] - fitted[s]) / sd)
-                } else {
-                    weights[s]
-                };
-                if w > 0.0 {
-                    let row = &self.basis[s];
-                    normal += row * (row * w).transpose();
-                    right += row * (w * values[s]);
-                }
-            }
-            // A little ridge keeps long gaps from swinging; what is beyond this order is held at zero.
-            let ridge = 1e-6 * (0..p).map(|c| normal[(c, c)]).sum::<f64>() / p as f64;
-            for c in 1..p {
-                normal[(c, c)] += ridge;
-            }
-            for c in p..MOST {
-                normal.row_mut(c).fill(0.0);
-                normal.column_mut(c).fill(0.0);
-                (normal[(c, c)], right[c]) = (1.0, 0.0);
-            }
-            let Some(cholesky) = normal.cholesky() else { break };
-            let coefficients = cholesky.solve(&right);
-            fitted.iter_mut().zip(&self.basis).for_each(|(f, row)| *f = row.dot(&coefficients));
-            sd = spread(values, &fitted, weights);
-        }
+        let (fitted, sd) = match self.widths[order] {
+            1 => self.robust::<1>(values, weights),
+            2 => self.robust::<2>(values, weights),
+            3 => self.robust::<3>(values, weights),
+            _ => self.robust::<MOST>(values, weights),
+        };
         let cap = (3.0 * sd).powi(2);
-        let sum = (0..n)
+        let sum = (0..values.len())
             .filter(|&s| weights[s] > 0.0)
             .map(|s| (values[s] - fitted[s]).powi(2).min(cap))
             .sum();
         (fitted, sd, sum)
+    }
+
+    /// The robust curve of the first `P` columns and the standard deviation about it.
+    fn robust<const P: usize>(&self, values: &[f64], weights: &[f64]) -> (Vec<f64>, f64) {
+        /// A curve that moves by less than this part of the standard deviation has been found.
+        const SETTLED: f64 = 0.01;
+        let mut fitted = vec![median(values, weights); self.basis.len()];
+        let mut sd = spread(values, &fitted, weights);
+        for _ in 0..6 {
+            let mut normal = SMatrix::<f64, P, P>::zeros();
+            let mut right = SVector::<f64, P>::zeros();
+            for (s, row) in self.basis.iter().enumerate() {
+                let off = if sd > 0.0 { tukey((values[s] - fitted[s]) / sd) } else { 1.0 };
+                let w = weights[s] * off;
+                if w > 0.0 {
+                    let row = row.fixed_rows::<P>(0);
+                    normal += row * (row * w).transpose();
+                    right += row * (w * values[s]);
+                }
+            }
+            // A little ridge keeps long gaps from swinging.
+            let ridge = 1e-6 * normal.trace() / P as f64;
+            for c in 1..P {
+                normal[(c, c)] += ridge;
+            }
+            let Some(cholesky) = normal.cholesky() else { break };
+            let coefficients = cholesky.solve(&right);
+            let mut moved = 0.0f64;
+            for (f, row) in fitted.iter_mut().zip(&self.basis) {
+                let next = row.fixed_rows::<P>(0).dot(&coefficients);
+                moved = moved.max((next - *f).abs());
+                *f = next;
+            }
+            sd = spread(values, &fitted, weights);
+            if moved < SETTLED * sd {
+                break;
+            }
+        }
+        (fitted, sd)
     }
 }
 

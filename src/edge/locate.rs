@@ -14,7 +14,7 @@ use crate::edge::hidden::is_known;
 use crate::edge::levels::{Curve, median};
 use crate::edge::noise::Noise;
 use crate::edge::pool::Sectors;
-use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, bins_of, fit_sector, search};
+use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, SHIFT, bins_of, fit_sector, join, search};
 use crate::edge::shape::Shape;
 use crate::edge::template::Step;
 use crate::edge::{Profiles, Template};
@@ -92,6 +92,13 @@ pub struct Located {
 /// Variance of gains and stretches that nothing holds.
 const LOOSE: f64 = 0.09;
 
+/// A sector's shift that moves by less than this part of its standard deviation has been found: while the common profile still changes,
+/// and at last.
+const SETTLED: [f64; 2] = [0.5, 0.1];
+
+/// Softnesses from its middle where an edge has ended: beyond, a profile is straight over a softness.
+const ENDED: f64 = 3.5;
+
 /// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
 const LEAST_NOISE: f64 = 0.003;
 
@@ -129,24 +136,31 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     let mut matches: Vec<Match> = Vec::new();
     let mut noise = Noise::white((0.05 * range).powi(2), &template);
     let curve = Curve::new(n, closed);
-    let (mut whitening, mut learnt) = (Vec::new(), false);
+    let (mut joined, mut whitening, mut learnt) = (Vec::new(), Vec::new(), false);
     for round in 0..options.rounds {
+        // Texture hides what one more round would change.
+        let last = round + 1 + usize::from(noise.is_correlated()) >= options.rounds;
         let shape = Shape::of(&template);
+        let straight_px = shape.edge.softness_px;
+        let many = noise.joined(straight_px, template.step_px);
         matches = (0..n)
             .map(|s| {
                 if alive[s] == 0.0 {
                     return NO_MATCH;
                 }
+                let (prior, band) = (priors[s], &profiles.band);
                 let start = match matches.get(s) {
                     Some(m) if m.shift_variance.is_finite() => {
-                        let (mean, variance) = priors[s].shift;
+                        let (mean, variance) = prior.shift;
                         let astray = (m.shift - mean).powi(2) > variance;
-                        if astray { (mean, 0.0) } else { (m.shift, m.stretch) }
+                        if astray { prior.at(mean) } else { m.parameters() }
                     }
-                    _ => (search(&sectors[s], &template, profiles), 0.0),
+                    _ => prior.at(search(&sectors[s], &template, profiles)),
                 };
-                let (bins, prior, band) = (&sectors[s], priors[s], &profiles.band);
-                fit_sector(bins, &shape, prior, &noise, start, band, &mut whitening)
+                let place_px = shape.edge.distance_px + start[SHIFT];
+                join(&sectors[s], place_px, ENDED * straight_px, many, &mut joined);
+                let settled = SETTLED[usize::from(last)];
+                fit_sector(&joined, &shape, prior, &noise, start, settled, band, &mut whitening)
             })
             .collect();
         let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
@@ -174,9 +188,12 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         noise.pixel2 = noise.pixel2.max(LEAST_NOISE * LEAST_NOISE * range * range);
         if round == 0 {
             noise.shape2.fill(0.0);
-        } else if round + 1 < options.rounds {
+        } else if !last {
             noise.learn_correlation(&shape, &sectors, &matches, &alive);
             learnt = true;
+        }
+        if last {
+            break;
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
         if hidden.is_some() {
@@ -185,12 +202,11 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
                 (p.gain, p.stretch) = ((1.0, LOOSE), (0.0, LOOSE));
             }
         }
-        if round + 1 < options.rounds {
-            let all =
-                Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
-            template = all.pool(&template, &shape, &matches).template(&template)?;
-        }
+        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
+        template = all.pool(&template, &shape, &matches).template(&template)?;
     }
+    let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
+    let (tails, _) = curve.fit(&tails, &alive);
     let (mut blurred, mut plain) = (None, false);
     if learnt && !noise.is_correlated() {
         let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
@@ -217,12 +233,8 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
         })
         .collect();
     let coverage = alive.iter().sum::<f64>() / n as f64;
-    let (least, most) = priors
-        .iter()
-        .map(|p| p.tail.0)
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most): (f64, f64), tail| {
-            (least.min(tail), most.max(tail))
-        });
+    let least = tails.iter().copied().fold(f64::INFINITY, f64::min);
+    let most = tails.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
     let gains = quartiles(&matches, &alive);
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());

@@ -13,13 +13,12 @@ use crate::edge::Template;
 use crate::edge::blurred::Blurred;
 use crate::edge::noise::by_chance;
 use crate::edge::pool::Sectors;
-use crate::edge::sector::{Match, PARAMETERS, Products};
+use crate::edge::sector::{Match, PARAMETERS, Products, SHIFT};
 use crate::edge::shape::Shape;
 
 /// Steps to one level, one gain and all shifts: each is nearly linear, and the start is near.
 const STEPS: usize = 3;
-/// Which parameter of a sector is its shift, and which are not.
-const SHIFT: usize = 2;
+/// Which parameters of a sector are not its shift.
 const OTHERS: [usize; 4] = [0, 1, 3, 4];
 
 /// A plain edge.

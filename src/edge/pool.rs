@@ -50,13 +50,13 @@ impl Sectors<'_> {
             for b in bins {
                 let x = Match { shift, ..*m }.place(b, &shape.edge);
                 let place = (x - template.start_px) / template.step_px;
-                let node = place.round();
-                if node < 0.0 || node >= n as f64 {
+                if place < -0.5 || place >= n as f64 - 0.5 {
                     continue;
                 }
+                let i = (place + 0.5) as usize;
+                let node = i as f64;
                 let old = shape.at(x);
                 let y = (b.value - m.level - (m.tail - usual_tail) * old.tail) / m.gain;
-                let i = node as usize;
                 let variance = self.noise.variance(b, i);
                 let r = (y - old.profile) * m.gain / variance.sqrt();
                 let w = m.gain * m.gain / variance * crate::fit::circle::tukey(r / 3.0);

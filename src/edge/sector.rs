@@ -9,6 +9,8 @@ use crate::edge::{Band, Profiles, Template};
 
 /// Parameters of a sector: level, gain, shift, stretch and tail.
 pub(super) const PARAMETERS: usize = 5;
+/// Which of them is the shift.
+pub(super) const SHIFT: usize = 2;
 
 /// One sector's model.
 #[derive(Clone, Copy)]
@@ -29,6 +31,11 @@ pub(super) struct Match {
 }
 
 impl Match {
+    /// The parameters.
+    pub(super) fn parameters(&self) -> [f64; PARAMETERS] {
+        [self.level, self.gain, self.shift, self.stretch, self.tail]
+    }
+
     /// What the match leaves over of a bin's value.
     pub(super) fn residual(&self, b: &Bin, shape: &Shape) -> f64 {
         self.row(b, shape)[PARAMETERS]
@@ -95,6 +102,20 @@ pub(super) struct Prior {
     pub(super) tail: (f64, f64),
 }
 
+impl Prior {
+    /// Mean and variance of each parameter.
+    fn held(&self) -> [(f64, f64); PARAMETERS] {
+        [self.level, self.gain, self.shift, self.stretch, self.tail]
+    }
+
+    /// The means but for the shift.
+    pub(super) fn at(&self, shift: f64) -> [f64; PARAMETERS] {
+        let mut parameters = self.held().map(|(mean, _)| mean);
+        parameters[SHIFT] = shift;
+        parameters
+    }
+}
+
 pub(super) const NO_MATCH: Match = Match {
     level: 0.0,
     gain: 0.0,
@@ -110,11 +131,15 @@ pub(super) const NO_MATCH: Match = Match {
     measured: (0.0, f64::INFINITY),
 };
 
-/// One bin of a profile.
+/// One bin of a profile, or several joined.
+#[derive(Clone, Copy)]
 pub(super) struct Bin {
     pub(super) distance: f64,
     pub(super) value: f64,
+    /// Pixels.
     pub(super) count: f64,
+    /// How many are joined.
+    pub(super) joined: f64,
 }
 
 pub(super) fn bins_of(profiles: &Profiles, sector: usize) -> Vec<Bin> {
@@ -123,8 +148,29 @@ pub(super) fn bins_of(profiles: &Profiles, sector: usize) -> Vec<Bin> {
         distance: f64::from(profiles.distance_px[i]),
         value: f64::from(profiles.value[i]),
         count: f64::from(profiles.count[i]),
+        joined: 1.0,
     }));
     bins
+}
+
+/// The bins with those farther than `clear_px` from a place joined, `many` at most: there a profile is straight over as many.
+pub(super) fn join(bins: &[Bin], place_px: f64, clear_px: f64, many: usize, list: &mut Vec<Bin>) {
+    let first = bins.partition_point(|b| b.distance < place_px - clear_px);
+    let last = bins.partition_point(|b| b.distance <= place_px + clear_px).max(first);
+    let mean = |part: &[Bin]| {
+        let count: f64 = part.iter().map(|b| b.count).sum();
+        let of = |f: fn(&Bin) -> f64| part.iter().map(|b| b.count * f(b)).sum::<f64>() / count;
+        Bin {
+            distance: of(|b| b.distance),
+            value: of(|b| b.value),
+            count,
+            joined: part.len() as f64,
+        }
+    };
+    list.clear();
+    list.extend(bins[..first].rchunks(many).rev().map(mean));
+    list.extend_from_slice(&bins[first..last]);
+    list.extend(bins[last..].chunks(many).map(mean));
 }
 
 /// The shift with the best correlation, over the whole band: the start for a sector that has none.
@@ -139,7 +185,7 @@ pub(super) fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> 
         .iter()
         .map(|b| {
             (w, v) = (w + b.count, v + b.count * b.value);
-            ((b.distance - template.start_px) / template.step_px).round() as i32
+            ((b.distance - template.start_px) / template.step_px + 0.5) as i32
         })
         .collect();
     let mut best = (f64::NEG_INFINITY, 0.0);
@@ -164,22 +210,22 @@ pub(super) fn search(bins: &[Bin], template: &Template, profiles: &Profiles) -> 
     best.1
 }
 
-/// Gauss-Newton for one sector's parameters, from the shift and stretch of `start`. `whitening` is room to work in.
+/// Gauss-Newton for one sector's parameters, from those of `start`, until a step moves the shift by less than `settled` of its standard
+/// deviation. `whitening` is room to work in.
+#[expect(clippy::too_many_arguments)]
 pub(super) fn fit_sector(
     bins: &[Bin],
     shape: &Shape,
     prior: Prior,
     noise: &Noise,
-    start: (f64, f64),
+    start: [f64; PARAMETERS],
+    settled: f64,
     band: &Band,
     whitening: &mut Vec<Whitening>,
 ) -> Match {
-    /// A shift that moves by less than this part of its standard deviation has been found.
-    const SETTLED: f64 = 0.1;
     let reach = 0.5 * (band.inside_px + band.outside_px);
-    let held = [prior.level, prior.gain, prior.shift, prior.stretch, prior.tail];
-    let mut p = SVector::<f64, PARAMETERS>::from(held.map(|h| h.0));
-    p[2] = start.0;
+    let held = prior.held();
+    let mut p = SVector::<f64, PARAMETERS>::from(start);
     let of = |p: &SVector<f64, PARAMETERS>| Match {
         level: p[0],
         gain: p[1],
@@ -188,8 +234,8 @@ pub(super) fn fit_sector(
         tail: p[4],
         ..NO_MATCH
     };
-    let (mut inverse, mut squares) = (SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros(), 0.0);
-    noise.whitening(bins, start.0, whitening);
+    let (mut last, mut squares) = (None, 0.0);
+    noise.whitening(bins, start[SHIFT], whitening);
     let mut last_shift = 0.0f64;
     for _ in 0..8 {
         let mut products = Products::default();
@@ -206,8 +252,9 @@ pub(super) fn fit_sector(
             right[i] += (mean - p[i]) / variance;
         }
         let Some(solved) = normal.cholesky() else { return NO_MATCH };
-        inverse = solved.inverse();
-        let mut step = inverse * right;
+        let mut step = solved.solve(&right);
+        let variance = solved.solve(&SVector::<f64, PARAMETERS>::ith(SHIFT, 1.0))[SHIFT];
+        last = Some(solved);
         // Far steps leave the range in which the slope means anything.
         let limit = 0.25 * reach;
         step[2] = step[2].clamp(-limit, limit);
@@ -223,10 +270,11 @@ pub(super) fn fit_sector(
         }
         // What the step leaves of the squares.
         squares = products.squares() - step.dot(&(2.0 * data_right - data * step));
-        if step[2].abs() < SETTLED * inverse[(2, 2)].sqrt() {
+        if step[2].abs() < settled * variance.sqrt() {
             break;
         }
     }
+    let Some(inverse) = last.map(|solved| solved.inverse()) else { return NO_MATCH };
     Match {
         level_variance: inverse[(0, 0)],
         gain_variance: inverse[(1, 1)],

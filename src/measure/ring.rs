@@ -134,6 +134,8 @@ pub fn measure(
 ) -> Option<Ring> {
     /// Looks at most, the last one a close one.
     const LOOKS: usize = 5;
+    /// How much softer than expected an edge may be that one glance has told well enough.
+    const NEAR: std::ops::Range<f64> = 0.5..2.0;
     let mut guess = rough;
     let mut search = search;
     let (mut close, mut quiet, mut last) = (false, false, None);
@@ -153,14 +155,15 @@ pub fn measure(
         let softness = points.located.step.softness_px;
         quiet = points.are_quiet();
         last = Some((points, fitted));
-        let settled = moved < 0.25 * softness.max(0.5)
-            && (0.85..1.18).contains(&(softness / search.softness_px));
+        let softer = softness / search.softness_px;
+        let settled = moved < 0.25 * softness.max(0.5) && (0.85..1.18).contains(&softer);
         search.reach_px = (0.1 * softness).max(0.5);
         search.softness_px = softness.max(0.6);
         if settled && close {
             break;
         }
-        close |= settled;
+        // A glance that was not led far has seen where to look closely.
+        close |= moved < softness.max(0.5) && NEAR.contains(&softer);
     }
     let (points, fitted) = last?;
     let weights = final_weights(&points, &fitted);
