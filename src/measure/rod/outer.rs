@@ -22,7 +22,7 @@ const NEARER_MM: f64 = 0.4;
 const ECCENTRIC_MM: f64 = 0.5;
 /// Width of a bin of distance: finer than any chamfer, and two pixels at least.
 const BIN_MM: f64 = 0.01;
-pub(super) const LEAST_BIN_PX: f64 = 2.0;
+const LEAST_BIN_PX: f64 = 2.0;
 /// The same at first, while the centre is not known.
 const FAR_BIN_MM: f64 = 0.02;
 /// Least width of a chamfer that is told from its rim.
