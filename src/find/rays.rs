@@ -104,8 +104,8 @@ impl Rays {
         Self { slope }
     }
 
-    /// How well the directions agree at each radius on an edge, and on its sense.
-    fn agreement(&self) -> Vec<f64> {
+    /// How well the directions agree at each radius of a range on an edge, and on its sense; 0 elsewhere.
+    fn agreement(&self, range: std::ops::RangeInclusive<usize>) -> Vec<f64> {
         const LANES: usize = 8;
         // Every few of them know what is typical.
         const EVERY: usize = 5;
@@ -127,6 +127,9 @@ impl Rays {
         let last = self.slope.len() - 1;
         (0..=last)
             .map(|r| {
+                if !range.contains(&r) {
+                    return 0.0;
+                }
                 // The edge may be a little nearer or farther in this direction.
                 let mut best = [f32::NAN; RAYS];
                 for slopes in &self.slope[r.saturating_sub(2)..=(r + 2).min(last)] {
@@ -191,11 +194,12 @@ impl Rays {
 
     /// Agreements, radii and senses at which edges agree over the directions.
     fn radii(&self, near: f64, far: f64, blur: f64) -> Vec<(f64, f64, f64)> {
-        let agree = self.agreement();
+        let (first, last) = (0.8 * near, 1.1 * far);
+        let agree = self.agreement((first as usize).saturating_sub(1)..=last as usize + 2);
         let mut list: Vec<(f64, f64, f64)> = Vec::new();
         for r in 1..agree.len() - 1 {
             let v = agree[r].abs();
-            let inside = (r as f64) >= near * 0.8 && (r as f64) <= far * 1.1;
+            let inside = (first..=last).contains(&(r as f64));
             if inside && v > 0.12 && v >= agree[r - 1].abs() && v > agree[r + 1].abs() {
                 list.push((v, r as f64, agree[r].signum()));
             }
