@@ -224,3 +224,34 @@ fn a_constant_is_named_where_the_run_starts_warm() {
     assert_eq!(report["verdict"], "named", "{report:#}");
     assert_eq!(report["effects"][0]["name"], "head-constant");
 }
+
+/// A sensor seen to stop is among the names of what it leaves; a constant and a curve over position are two names, no polynomial.
+#[test]
+fn stopped_sensors_and_pairs_have_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let report = |stops: bool| {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+        for k in 0..30 {
+            let t = 600.0 * f64::from(k);
+            let rise = |t: f64| 9.0 * (1.0 - (-t / 3000.0).exp());
+            let (screw, head) = (6.0 * (1.0 - (-t / 5000.0).exp()), rise(t));
+            let read = if stops { rise(t.min(6000.0)) } else { head };
+            for place in [0.0, 150.0, 300.0, 450.0, 600.0] {
+                let more = if stops { 0.0 } else { 0.004 + 2e-8 * place * place };
+                let error = 0.004 * head + 1e-5 * screw * place + more + 0.0005 * normal();
+                writeln!(csv, "{t},x,{place},{error:.6},{:.3},{read:.3}", screw + 21.0).unwrap();
+            }
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        diagnose("thermal", folder)
+    };
+    let dead = report(true);
+    assert!(class(&dead).contains(&"sensor-dead"), "{dead:#}");
+    let pair = report(false);
+    assert_eq!(pair["verdict"], "named", "{}", pair["unnamed"]);
+    let names: Vec<_> = pair["effects"].as_array().into_iter().flatten().collect();
+    assert!(names.len() == 2 && names.iter().any(|e| e["name"] == "position-quadratic"));
+}

@@ -4,15 +4,15 @@ use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pair;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
 use crate::diagnose::pool::Who;
-use crate::diagnose::score::Standing;
+use crate::diagnose::score::{Score, Standing};
 use crate::diagnose::select::{Selection, library_bonus};
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.
 const SECOND_NAME: f64 = 3.0;
 /// An exchange of like for like must gain this much, nats, so that aliases do not take turns.
 const LEAST_GAIN: f64 = 1.0;
-/// What leaves this much more noise than what it replaced fits worse, whatever the linearised score said: unless it is likelier,
-/// as names are than a shape that fitted the first output too well and left the others as they were.
+/// What leaves this much more noise than what it replaced fits worse, whatever the linearised score said: unless it is likelier
+/// at the price of free functions, as names are than a shape that fitted the first output too well and left the others as they were.
 const MORE_NOISE: f64 = 1.03;
 /// Names tried beneath a free function.
 const NAMES_UNCOVERED: usize = 3;
@@ -33,7 +33,8 @@ impl Selection {
             let (more, captures) = (next.rank as f64 - f.rank as f64, layout.group_count() as f64);
             let price = more * captures / (captures - more - 1.0).max(1.0);
             let noisier = next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0];
-            if (noisier && gain < 0.0) || (!layout.random.is_empty() && gain < price) {
+            let spared = free_price(fitter, f) - free_price(fitter, &next);
+            if (noisier && gain + spared < 0.0) || (!layout.random.is_empty() && gain < price) {
                 return;
             }
             self.fitted = next;
@@ -61,6 +62,8 @@ impl Selection {
         let is_form = |p: &Part| matches!(p, Part::Extra(i) if matches!(f.model.extras[*i].kind, Extra::Form { .. }));
         let single = gone.len() == 1;
         let named = matches!(gone[0], Part::Effect(_));
+        let is_it =
+            |s: &Score| single && !named && score.as_ref().is_some_and(|g| s.explains_as_much(g));
         // A generic shape competes at a handicap; two parts must beat one name clearly.
         let own = match (single, named) {
             (true, true) => own + LEAST_GAIN,
@@ -78,17 +81,16 @@ impl Selection {
         for s in standing.scores(fitter, f, &self.library) {
             let who = &self.library.candidates[s.candidate].who;
             if matches!(who, Who::Effect(a) if free(a.effect)) {
-                let is_it =
-                    single && !named && score.as_ref().is_some_and(|g| s.explains_as_much(g));
-                consider((s.evidence - own).max(if is_it { LEAST_GAIN } else { f64::MIN }), &[who]);
+                let least = if is_it(&s) { LEAST_GAIN } else { f64::MIN };
+                consider((s.evidence - own).max(least), &[who]);
             }
         }
         // A free function is as good as any other; the dictionary is long.
-        let is_free = |p: &Part| matches!(p, Part::Extra(i) if matches!(&f.model.extras[*i].kind, Extra::Generic(t) if t.shape.is_free()));
+        let free_goes = matches!(gone[0], Part::Extra(i) if is_free(&f.model.extras[i]));
         if single
-            && !is_free(&gone[0])
+            && !free_goes
             && let Some((who, s)) = self.best_generic(fitter, &standing, f)
-            && !(named && score.is_some_and(|own| own.explains_as_much(&s)))
+            && !(named && score.as_ref().is_some_and(|own| own.explains_as_much(&s)))
         {
             consider(s.evidence - library_bonus(fitter) - own, &[&who]);
         }
@@ -98,7 +100,7 @@ impl Selection {
                 (true, false) => own - LEAST_GAIN,
                 (false, _) => own + LEAST_GAIN,
             };
-            if let Some((evidence, pair)) = best_pair(fitter, f, &standing, &self.library, &free) {
+            if let Some((s, pair)) = best_pair(fitter, f, &standing, &self.library, &free) {
                 // That a single name stays, beside a second one, is for the next addition to say.
                 let one = match gone {
                     [Part::Effect(i)] => Some(f.model.active[*i].effect),
@@ -106,7 +108,8 @@ impl Selection {
                 };
                 let stays = |who: &Who| matches!(who, Who::Effect(a) if Some(a.effect) == one);
                 if !pair.iter().any(stays) {
-                    consider(evidence - SECOND_NAME - own, &pair.each_ref());
+                    let least = if is_it(&s) { LEAST_GAIN } else { f64::MIN };
+                    consider((s.evidence - SECOND_NAME - own).max(least), &pair.each_ref());
                 }
             }
         }
@@ -116,7 +119,6 @@ impl Selection {
     /// A free function or surface may hide a name: replaces it by a name and another shape where those explain more.
     pub(super) fn uncover(&mut self, fitter: &Fitter) {
         let f = &self.fitted;
-        let is_free = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_free());
         let Some(at) = f.model.extras.iter().position(is_free) else { return };
         if f.model.extras.len() > 1 {
             return;
@@ -186,4 +188,15 @@ impl Selection {
             self.fitted = fitter.fit(model, Some(&f.noise));
         }
     }
+}
+
+fn is_free(e: &ExtraTerm) -> bool {
+    matches!(&e.kind, Extra::Generic(t) if t.shape.is_free())
+}
+
+/// What the coefficients of a model's free functions cost, nats. Their likelihood alone would hold them against any name.
+fn free_price(fitter: &Fitter, f: &Fitted) -> f64 {
+    let free = (0..f.model.extras.len()).filter(|i| is_free(&f.model.extras[*i]));
+    let score = |i| without(fitter, f, &[Part::Extra(i)]).1;
+    free.filter_map(score).map(|s| 0.5 * s.chi2 - s.evidence).sum()
 }

@@ -68,6 +68,8 @@ pub struct EffectInfo {
     pub forms: Vec<Vec<Parameter>>,
     /// The variables its size may depend on in a form the library does not have.
     pub varies_with: &'static [&'static str],
+    /// How much likelier than another effect it is beforehand, nats: its cause is seen in the data.
+    pub beforehand: f64,
     /// Why the data at hand cannot test it.
     pub untestable: Option<String>,
 }

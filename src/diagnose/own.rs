@@ -289,6 +289,7 @@ fn info(e: &Entry, missing: Option<&String>) -> EffectInfo {
         best: e.best.clone().into(),
         forms: vec![form.collect()],
         varies_with: &[],
+        beforehand: 0.0,
         untestable: missing.cloned(),
     }
 }

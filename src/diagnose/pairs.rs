@@ -2,17 +2,17 @@
 
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::pool::{Pool, Who};
-use crate::diagnose::score::Standing;
+use crate::diagnose::score::{Score, Standing};
 
 /// The pair of different library effects with the most evidence together, every effect that `allowed` admits in each of its
-/// forms: log evidence (nats) and the two candidates.
+/// forms: their score together and the two candidates.
 pub fn best_pair(
     fitter: &Fitter,
     fitted: &Fitted,
     standing: &Standing,
     library: &Pool,
     allowed: &dyn Fn(usize) -> bool,
-) -> Option<(f64, [Who; 2])> {
+) -> Option<(Score, [Who; 2])> {
     let scores = standing.scores(fitter, fitted, library);
     // One grid point of each form: where it does best alone.
     let mut forms: Vec<((usize, usize), usize, f64)> = Vec::new();
@@ -31,7 +31,9 @@ pub fn best_pair(
         .iter()
         .enumerate()
         .flat_map(|(i, a)| forms[i + 1..].iter().filter(|b| b.0.0 != a.0.0).map(|b| (a.1, b.1)));
-    let scored = standing.pair_evidence(fitter, fitted, library, pairs);
-    let (evidence, a, b) = scored.into_iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-    Some((evidence, [a, b].map(|k| library.candidates[k].who.clone())))
+    let scored = standing.pair_scores(fitter, fitted, library, pairs);
+    let (score, second) =
+        scored.into_iter().max_by(|a, b| a.0.evidence.total_cmp(&b.0.evidence))?;
+    let pair = [score.candidate, second].map(|k| library.candidates[k].who.clone());
+    Some((score, pair))
 }

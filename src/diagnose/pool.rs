@@ -41,10 +41,11 @@ pub struct Candidate {
 pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
     match who {
         Who::Effect(a) => {
-            let forms = &fitter.experiment.effects()[a.effect].forms;
+            let info = &fitter.experiment.effects()[a.effect];
+            let forms = &info.forms;
             let switches = forms[a.form].iter().filter(|p| p.is_switch()).count();
             // Of two exact aliases the one in its plain form is named first.
-            (forms.len() as f64).ln() + 0.2 * switches as f64
+            (forms.len() as f64).ln() + 0.2 * switches as f64 - info.beforehand
         }
         Who::Extra(Extra::Generic(_)) => {
             let layout = fitter.experiment.layout();

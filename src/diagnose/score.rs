@@ -115,18 +115,19 @@ impl Standing {
             .collect()
     }
 
-    /// Log evidence (nats) of pairs of candidates together.
-    pub fn pair_evidence(
+    /// Scores of pairs of candidates together, each under its first, with its second.
+    pub fn pair_scores(
         &self,
         fitter: &Fitter,
         fitted: &Fitted,
         pool: &Pool,
         pairs: impl Iterator<Item = (usize, usize)>,
-    ) -> Vec<(f64, usize, usize)> {
+    ) -> Vec<(Score, usize)> {
         let x = pool.project(fitter, fitted, &self.basis);
         let along = x.inner(&self.residual);
         let gram = x.gram();
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
+        let n = fitter.space.observations().max(1) as f64;
         let columns = |c: &Candidate| c.first..c.first + c.count;
         pairs
             .filter_map(|(i, j)| {
@@ -137,7 +138,11 @@ impl Standing {
                 let dof = self.dof_of(fitter, &x, i, a).min(self.dof_of(fitter, &x, j, b));
                 let dof = dof.max(rank as f64 + 1.0);
                 let gain = 0.5 * self.likelihood_gain2(dof, chi2) - price * groups.ln();
-                (rank > 0).then_some((gain - a.choice - b.choice, i, j))
+                let ln_p = self.ln_p(dof, chi2, rank as f64);
+                let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
+                let evidence = gain - a.choice - b.choice;
+                let score = Score { candidate: i, chi2, rank, ln_p, evidence, rms_mm };
+                (rank > 0).then_some((score, j))
             })
             .collect()
     }

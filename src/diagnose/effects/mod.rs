@@ -125,10 +125,18 @@ impl<C, E: Clone + Default> Library<C, E> {
             best: words.best.into(),
             forms: Vec::new(),
             varies_with: words.varies_with,
+            beforehand: 0.0,
             untestable,
         });
         self.apply.push(Vec::new());
         self
+    }
+
+    /// How much likelier than another effect the one started last is beforehand, nats.
+    pub fn beforehand(&mut self, nats: f64) {
+        if let Some(info) = self.infos.last_mut() {
+            info.beforehand = nats;
+        }
     }
 
     /// Adds a form to the effect started last.

@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, above_zero, ambient_from, centred_metres, dead_sensor, gone, hats, heating, metres,
-    middle, rises, times, went,
+    Column, above_zero, ambient_from, dead_sensor, first_gone_s, gone, hats, heating, metres,
+    metres_from, middle, risen, rises, times, went,
 };
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
@@ -68,7 +68,7 @@ pub fn library(data: &Columns) -> L {
     head(&mut l, data, &axes, &lags);
     screw(&mut l, data, &axes);
     slow(&mut l, data, &axes, &lags);
-    dead(&mut l, data, &axes);
+    dead(&mut l, data, &axes, &lags);
     l
 }
 
@@ -83,12 +83,15 @@ fn head(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     let sensors = data.head_c.len();
     let none = || data.head_c.is_empty().then(|| "there is no head sensor column".to_owned());
     l.effect(
-        words(
-            "head-lag",
-            "the head follows its sensors late",
-            "after quick changes of the head's temperature",
-            CYCLE,
-        ),
+        Words {
+            varies_with: &["t_s"],
+            ..words(
+                "head-lag",
+                "the head follows its sensors late",
+                "after quick changes of the head's temperature",
+                CYCLE,
+            )
+        },
         none(),
     );
     let mut sets: Vec<Vec<usize>> = (0..sensors).map(|k| vec![k]).collect();
@@ -132,22 +135,30 @@ fn head(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
         none(),
     );
     for k in 0..sensors {
-        let name = format!("head_{}_um_per_c2", k + 1);
-        form(l, axes, &[one(name, 0.1)], None, move |data, _| {
-            vec![data.head_c[k].iter().map(|c| 1e-3 * c * c).collect()]
-        });
+        let name = |unit: &str| format!("head_{}_{unit}", k + 1);
+        let curved = move |data: &Columns| -> Vec<Column> {
+            let head = &data.head_c[k];
+            let square = head.iter().map(|c| 1e-3 * c * c).collect();
+            vec![square, head.iter().map(|c| 1e-6 * c * c * c).collect()]
+        };
+        let amounts = [one(name("um_per_c2"), 0.1), one(name("nm_per_c3"), 10.0)];
+        form(l, axes, &amounts[..1], None, move |data, _| curved(data)[..1].to_vec());
+        form(l, axes, &amounts, None, move |data, _| curved(data));
     }
 }
 
 fn screw(l: &mut L, data: &Columns, axes: &[String]) {
     let measured = data.needs(&["screw_c"]);
     l.effect(
-        words(
-            "screw-nonlinear",
-            "the slope of the error over position against screw temperature is curved",
-            "at the highest screw temperatures and far positions",
-            "the axis over its whole travel at three or more temperatures",
-        ),
+        Words {
+            varies_with: &["screw_c", "position_mm"],
+            ..words(
+                "screw-nonlinear",
+                "the slope of the error over position against screw temperature is curved",
+                "at the highest screw temperatures and far positions",
+                "the axis over its whole travel at three or more temperatures",
+            )
+        },
         measured.clone(),
     );
     let curved = |data: &Columns| {
@@ -158,33 +169,41 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
     let both = [one("per_c2", 1e-7), one("zero_mm_per_c2", 1e-5)];
     form(l, axes, &both, None, move |data, _| curved(data));
     l.effect(
-        words(
-            "position-quadratic",
-            "the error is curved over position",
-            "middle against both ends of the travel",
-            "the axis over its whole travel in even steps",
-        ),
+        Words {
+            varies_with: &["position_mm"],
+            ..words(
+                "position-quadratic",
+                "the error is curved over position",
+                "middle against both ends of the travel",
+                "the axis over its whole travel in even steps",
+            )
+        },
         data.needs(&["position_mm"]),
     );
     form(l, axes, &[one("mm_per_m2", 0.01)], None, |data, _| {
         let metres = metres(data);
         vec![times(&metres, &metres)]
     });
-    form(l, axes, &[one("centred_mm_per_m2", 0.01)], None, |data, _| {
-        let metres = centred_metres(data);
-        vec![times(&metres, &metres)]
-    });
+    for (name, place) in [("centred", 0.0), ("from_low", -1.0), ("from_high", 1.0)] {
+        form(l, axes, &[one(format!("{name}_mm_per_m2"), 0.01)], None, move |data, _| {
+            let metres = metres_from(data, place);
+            vec![times(&metres, &metres)]
+        });
+    }
     form(l, axes, &[one("warm_mm_per_m2_c", 0.01)], None, |data, _| {
         let metres = metres(data);
         vec![times(&rises(data), &times(&metres, &metres))]
     });
     l.effect(
-        words(
-            "heating-hysteresis",
-            "warming up and cooling down differ at the same temperature",
-            "the two branches of a cycle",
-            CYCLE,
-        ),
+        Words {
+            varies_with: &["screw_c", "position_mm"],
+            ..words(
+                "heating-hysteresis",
+                "warming up and cooling down differ at the same temperature",
+                "the two branches of a cycle",
+                CYCLE,
+            )
+        },
         measured,
     );
     // The way the temperature goes, or (it matters at the turns, where readings are few) the way it came.
@@ -194,6 +213,16 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
         form(l, axes, &[named("half_width_mm", 0.01)], None, move |data, _| vec![sign(data)]);
         form(l, axes, &[named("half_width_per_m", 0.01)], None, move |data, _| {
             vec![times(&sign(data), &metres(data))]
+        });
+        // The place where it is nothing need not be the machine's zero.
+        let anywhere = [named("half_width_mm", 0.01), named("half_width_per_m", 0.01)];
+        form(l, axes, &anywhere, None, move |data, _| {
+            let sign = sign(data);
+            let along = times(&sign, &metres(data));
+            vec![sign, along]
+        });
+        form(l, axes, &[named("half_width_mm_per_c", 1e-3)], None, move |data, _| {
+            vec![times(&sign(data), &rises(data))]
         });
         let warm = [named("half_width_per_m_c", 1e-3), named("half_width_mm_per_c", 1e-3)];
         for count in [1, 2] {
@@ -215,12 +244,15 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
 
 fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     l.effect(
-        words(
-            "ambient",
-            "the room's temperature moves the machine",
-            "error against ambient_c",
-            "a day and a night",
-        ),
+        Words {
+            varies_with: &["t_s"],
+            ..words(
+                "ambient",
+                "the room's temperature moves the machine",
+                "error against ambient_c",
+                "a day and a night",
+            )
+        },
         data.needs(&["ambient_c"]),
     );
     form(l, axes, &[one("mm_per_c", 1e-3)], None, |data, _| vec![ambient_from(data, 20.0)]);
@@ -233,6 +265,11 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     let free = [one("mm_per_c", 1e-3), one("zero_mm", 0.01)];
     form(l, axes, &free, None, |data, _| {
         vec![ambient_from(data, middle(data.get("ambient_c"))), ones(data)]
+    });
+    let late = [one("late_mm_per_c", 1e-3), one("zero_mm", 0.01)];
+    form(l, axes, &late, Some(("lag_s", &lags[1..4])), |data, lag_s| {
+        let ambient = ambient_from(data, middle(data.get("ambient_c")));
+        vec![lagged(data.get("t_s"), &ambient, lag_s.abs().max(1e-3)), ones(data)]
     });
     l.effect(
         words(
@@ -251,15 +288,18 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
         let middle = middle(data.get("t_s"));
         vec![data.get("t_s").iter().map(|t| (t - middle) / 3600.0).collect()]
     });
-    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), |data, rise_s| {
-        let (start, rise_s) = (data.times_s().0, rise_s.abs().max(1e-3));
-        vec![data.get("t_s").iter().map(|t| 1.0 - (-(t - start) / rise_s).exp()).collect()]
+    let (start, end) = data.times_s();
+    let rises_s = [lags, &[end - start]].concat();
+    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", &rises_s)), |data, rise_s| {
+        vec![risen(data, data.times_s().0, rise_s)]
     });
 }
 
-fn dead(l: &mut L, data: &Columns, axes: &[String]) {
+fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     /// Places in time between which what the dead sensor should have read goes straight.
     const KNOTS: [usize; 3] = [6, 10, 20];
+    /// A sensor seen to stop is likelier to be what is missing than anything not seen, nats.
+    const DEAD_BEFOREHAND: f64 = 5.0;
     let sensor = dead_sensor(data);
     let alive = sensor.is_none().then(|| "every head sensor keeps changing".to_owned());
     let dead = words(
@@ -270,7 +310,13 @@ fn dead(l: &mut L, data: &Columns, axes: &[String]) {
     );
     l.effect(Words { varies_with: &["t_s"], ..dead }, alive);
     let Some(k) = sensor else { return };
+    l.beforehand(DEAD_BEFOREHAND);
     form(l, axes, &[one("offset_mm", 0.01)], None, move |data, _| vec![gone(data, k)]);
+    // It would have gone on to another level.
+    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), move |data, rise_s| {
+        let gone = gone(data, k);
+        vec![times(&gone, &risen(data, first_gone_s(data, &gone), rise_s))]
+    });
     // The dead sensor would have followed the others, or gone its own way.
     for other in (0..data.head_c.len()).filter(|o| *o != k) {
         let name = format!("follows_{}_mm_per_c", other + 1);

@@ -58,12 +58,15 @@ pub fn metres(data: &Columns) -> Vec<f64> {
     data.get("position_mm").iter().map(|p| p / 1000.0).collect()
 }
 
-/// The same from the middle of the axis' travel.
-pub fn centred_metres(data: &Columns) -> Vec<f64> {
-    let middle_of = |axis| middle(&data.of_series("position_mm", axis).collect::<Vec<f64>>());
-    let middles: Vec<f64> = (0..data.series_names.len()).map(middle_of).collect();
+/// The same from a place in the axis' travel: -1 is its low end, 0 its middle, 1 its high end.
+pub fn metres_from(data: &Columns, place: f64) -> Vec<f64> {
+    let origin = |axis| {
+        let (low, high) = range(&data.of_series("position_mm", axis).collect::<Vec<f64>>());
+        0.5 * (low + high) + 0.5 * place * (high - low)
+    };
+    let origins: Vec<f64> = (0..data.series_names.len()).map(origin).collect();
     let places = data.get("position_mm").iter().zip(&data.series);
-    places.map(|(p, axis)| (p - middles[*axis]) / 1000.0).collect()
+    places.map(|(p, axis)| (p - origins[*axis]) / 1000.0).collect()
 }
 
 /// The room's temperature above a reference.
@@ -130,12 +133,23 @@ pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
     (0..data.series.len()).map(|row| f64::from(u8::from(row >= from))).collect()
 }
 
+/// Time of the first row of those that are 1.
+pub fn first_gone_s(data: &Columns, gone: &[f64]) -> f64 {
+    let since = data.get("t_s").iter().zip(gone).filter(|(_, g)| **g > 0.0);
+    since.map(|(t, _)| *t).fold(f64::INFINITY, f64::min)
+}
+
+/// What rises from 0 at a time towards 1.
+pub fn risen(data: &Columns, from_s: f64, rise_s: f64) -> Column {
+    let rise_s = rise_s.abs().max(1e-3);
+    data.get("t_s").iter().map(|t| 1.0 - (-(t - from_s).max(0.0) / rise_s).exp()).collect()
+}
+
 /// `count` hat functions of time between a sensor's last change and the end.
 pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
     let t = data.get("t_s");
     let gone = gone(data, sensor);
-    let from = t.iter().zip(&gone).filter(|(_, g)| **g > 0.0).map(|(t, _)| *t);
-    let from = from.fold(f64::INFINITY, f64::min);
+    let from = first_gone_s(data, &gone);
     let step = (data.times_s().1 - from).max(1e-9) / (count - 1) as f64;
     let at = |t: f64, i: usize| (1.0 - ((t - from) / step - i as f64).abs()).max(0.0);
     let hat = |i| t.iter().zip(&gone).map(|(t, gone)| gone * at(*t, i)).collect();
