@@ -8,7 +8,7 @@ use super::beam::Machine;
 use super::camera::{Camera, Optics, Sensor};
 use super::draw::{Dice, Draw};
 use super::mark::Profile;
-use super::scene::{AsScene, Preset, parse, read};
+use super::scene::{self, AsScene, Preset};
 use super::surface::{Light, Specks, Surface};
 use crate::error::Result;
 
@@ -147,17 +147,17 @@ impl AsScene for BurnScene {
 impl BurnScene {
     /// Reads a scene file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        read(path.as_ref())
+        scene::read(path.as_ref())
     }
 
     /// A scene that comes with the program (`src/render/presets/burn-*.toml`).
     pub fn preset(preset: Preset) -> Result<Self> {
-        let text = match preset {
-            Preset::Clean => include_str!("presets/burn-clean.toml"),
-            Preset::Typical => include_str!("presets/burn-typical.toml"),
-            Preset::Hard => include_str!("presets/burn-hard.toml"),
-        };
-        parse(Path::new(&format!("preset {}", preset.word())), text)
+        let texts = [
+            include_str!("presets/burn-clean.toml"),
+            include_str!("presets/burn-typical.toml"),
+            include_str!("presets/burn-hard.toml"),
+        ];
+        scene::preset(preset, texts)
     }
 
     /// The camera that this seed draws.

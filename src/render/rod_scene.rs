@@ -7,7 +7,7 @@ use serde::Deserialize;
 use super::camera::{Camera, Optics, Sensor};
 use super::draw::{Dice, Draw};
 use super::plan::Captures;
-use super::scene::{AsScene, Preset, parse, read};
+use super::scene::{self, AsScene, Preset};
 use super::surface::{Light, Specks, Surface};
 use crate::error::Result;
 
@@ -135,17 +135,17 @@ impl AsScene for RodScene {
 impl RodScene {
     /// Reads a scene file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        read(path.as_ref())
+        scene::read(path.as_ref())
     }
 
     /// A scene that comes with the program (`src/render/presets/rod-*.toml`).
     pub fn preset(preset: Preset) -> Result<Self> {
-        let text = match preset {
-            Preset::Clean => include_str!("presets/rod-clean.toml"),
-            Preset::Typical => include_str!("presets/rod-typical.toml"),
-            Preset::Hard => include_str!("presets/rod-hard.toml"),
-        };
-        parse(Path::new(&format!("preset {}", preset.word())), text)
+        let texts = [
+            include_str!("presets/rod-clean.toml"),
+            include_str!("presets/rod-typical.toml"),
+            include_str!("presets/rod-hard.toml"),
+        ];
+        scene::preset(preset, texts)
     }
 
     /// The camera that this seed draws.

@@ -31,9 +31,16 @@ impl Preset {
     }
 }
 
-/// A scene read from text, with the name used in messages.
-pub(super) fn parse<T: DeserializeOwned + AsScene>(origin: &Path, text: &str) -> Result<T> {
-    checked(origin, tomlfile::parse(origin, text)?)
+/// A scene that comes with the program, of the texts of its kind in the order of [`Preset`].
+pub(super) fn preset<T: DeserializeOwned + AsScene>(which: Preset, texts: [&str; 3]) -> Result<T> {
+    let [clean, typical, hard] = texts;
+    let text = match which {
+        Preset::Clean => clean,
+        Preset::Typical => typical,
+        Preset::Hard => hard,
+    };
+    let origin = PathBuf::from(format!("preset {}", which.word()));
+    checked(&origin, tomlfile::parse(&origin, text)?)
 }
 
 /// A scene read from a file.
