@@ -165,8 +165,11 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
     std::fs::create_dir(&pictures).unwrap();
     for (i, jpeg) in frames(folder.path(), PLACE, 6).iter().enumerate() {
         let bytes = if i == 2 { &jpeg[..jpeg.len() / 3] } else { &jpeg[..] };
-        std::fs::write(pictures.join(format!("{i}.jpg")), bytes).unwrap();
+        // Named as a batch would take it too; what it is, its content says.
+        let ending = if i == 5 { "ppm" } else { "jpg" };
+        std::fs::write(pictures.join(format!("{i}.{ending}")), bytes).unwrap();
     }
+    std::fs::write(pictures.join(".6.jpg"), "half a copy").unwrap();
     let calib = folder.path().join("calib.toml");
     let store = folder.path().join("store");
     let (json, code, words) = run(&[

@@ -4,11 +4,9 @@ use std::collections::HashSet;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::frame::named;
 use crate::table::Table;
 
-/// File names that end so are taken from folders; what a file really is, its content says.
-const PICTURES: [&str; 10] =
-    ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "ppm", "pnm", "pbm"];
 /// What a folder is searched for where the job measures tables of captures.
 const TABLES: [&str; 1] = ["csv"];
 
@@ -37,7 +35,7 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
     let path = Path::new(input);
     let items = if path.is_dir() {
         folder(path, kind)?
-    } else if path.is_file() && kind == Kind::Pictures && has_extension(path, &TABLES) {
+    } else if path.is_file() && kind == Kind::Pictures && named::ends_in(path, &TABLES) {
         manifest(path)?
     } else if path.is_file() {
         vec![Item { name: input.to_owned(), path: path.to_owned(), calib: None }]
@@ -54,7 +52,7 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
         return Err(Error::file(
             path,
             "holds nothing to measure",
-            format!("names must end in {}", endings(kind)),
+            format!("names must end in {}", endings(kind).join(", ")),
         ));
     }
     Ok(items)
@@ -62,18 +60,11 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
 
 /// Whether a folder's file is one to measure.
 pub fn belongs(path: &Path, kind: Kind) -> bool {
-    let extensions: &[&str] = if kind == Kind::Pictures { &PICTURES } else { &TABLES };
-    has_extension(path, extensions) && !file_name(path).starts_with('.')
+    named::is_one_of(path, endings(kind))
 }
 
-fn endings(kind: Kind) -> String {
-    if kind == Kind::Pictures { PICTURES.join(", ") } else { TABLES.join(", ") }
-}
-
-fn has_extension(path: &Path, extensions: &[&str]) -> bool {
-    path.extension()
-        .and_then(|e| e.to_str())
-        .is_some_and(|e| extensions.iter().any(|x| x.eq_ignore_ascii_case(e)))
+fn endings(kind: Kind) -> &'static [&'static str] {
+    if kind == Kind::Pictures { &named::PICTURES } else { &TABLES }
 }
 
 fn file_name(path: &Path) -> String {

@@ -2,6 +2,7 @@
 
 mod decode;
 mod gray;
+pub mod named;
 
 pub use decode::{Channel, Picture};
 pub use gray::{Frame, Gray, MOST_JOINED, Pixel, Sample};

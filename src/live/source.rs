@@ -6,7 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::cv::Video;
 use crate::error::{Error, Result};
-use crate::frame::{Channel, Frame, Gray, Picture};
+use crate::frame::{Channel, Frame, Gray, Picture, named};
 use crate::live::jpeg;
 use crate::live::mjpeg::Stream;
 
@@ -109,9 +109,7 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
     let mut files = Vec::new();
     for entry in std::fs::read_dir(folder).map_err(read)? {
         let file = entry.map_err(read)?.path();
-        let extension = file.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-        if ["png", "jpg", "jpeg", "tif", "tiff", "bmp", "pgm", "pnm"].contains(&extension.as_str())
-        {
+        if named::is_one_of(&file, &named::PICTURES) {
             files.push(file);
         }
     }
@@ -119,7 +117,7 @@ fn pictures(folder: &Path) -> Result<Vec<PathBuf>> {
         return Err(Error::file(
             folder,
             "has no pictures",
-            "give a folder with PNG, JPEG or TIFF files",
+            format!("names must end in {}", named::PICTURES.join(", ")),
         ));
     }
     files.sort();
