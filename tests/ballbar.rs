@@ -3,8 +3,8 @@
 #![allow(clippy::unwrap_used)]
 
 use assert_cmd::Command;
-use pivotsight::ballbar::decouple::{Data, Options, decouple};
-use pivotsight::ballbar::{ERRORS, Report};
+use pivotsight::ballbar::decouple::{Options, decouple};
+use pivotsight::ballbar::{Data, ERRORS, Report};
 
 const TRUTH: [(&str, f64); 6] = [
     ("X0B", 0.02),

@@ -6,6 +6,7 @@
 //! Lengths are in the pivot's frame at zero: X right, Y back, Z up; the source's `Z` drives the head *down*.
 //! Errors are the machine model's location errors: a shifted or tilted axis line, the zero pose unchanged.
 
+mod data;
 pub mod decouple;
 pub mod model;
 pub mod path;
@@ -13,5 +14,6 @@ mod report;
 pub use report::{Combination, Report, Term, Value};
 pub mod swarm;
 
+pub use data::Data;
 pub use model::{ERRORS, Errors};
 pub use path::{Kind, Path, Setup};

@@ -5,6 +5,7 @@ pub mod check;
 mod homography;
 pub mod laser;
 pub mod lens;
+mod lens_doubt;
 pub mod mark;
 pub mod plane;
 pub mod register;

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::outfiles::OutFile;
 use super::{Global, Outcome, result, rows};
 use crate::ballbar::model::{Bar, Point};
-use crate::ballbar::{ERRORS, Path, Setup, decouple, path, swarm};
+use crate::ballbar::{Data, ERRORS, Path, Setup, decouple, path, swarm};
 use crate::error::{Error, Result};
 use crate::output::Document;
 
@@ -301,7 +301,7 @@ fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
         swarm: swarm::Options { particles: args.particles, ..swarm::Options::default() },
     };
     options.setup.validate()?;
-    let report = decouple::decouple(&decouple::Data::read(&args.data, &options)?, &options)?;
+    let report = decouple::decouple(&Data::read(&args.data, &options)?, &options)?;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
         global.write_into(folder, "ballbar.svg", report.figure().to_svg().as_bytes())?;

@@ -1,0 +1,118 @@
+//! Measured lengths of the bar, and where each was taken: read from a file, what it leaves out told by the path.
+
+use std::path::Path as FilePath;
+
+use super::decouple::Options;
+use super::model::{Bar, Point};
+use super::path::{Path, Pose};
+use crate::error::{Error, Result};
+use crate::repeats;
+use crate::table::Table;
+
+/// Measured lengths and where they were taken.
+#[derive(Debug, Clone)]
+pub struct Data {
+    pub(super) points: Vec<Point>,
+    pub(super) lengths_mm: Vec<f64>,
+    pub(super) paths: Vec<(String, Path)>,
+    /// What a user should know of the file.
+    pub(super) warnings: Vec<String>,
+}
+
+impl Data {
+    /// The points path by path, by rising B.
+    pub(super) fn along_paths(&self) -> Vec<usize> {
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        let key = |i: &usize| (self.points[*i].path, self.points[*i].pose.b_rad);
+        order.sort_by(|a, b| {
+            let ((p, b_rad), (q, c_rad)) = (key(a), key(b));
+            p.cmp(&q).then(b_rad.total_cmp(&c_rad))
+        });
+        order
+    }
+
+    /// Reads `b_deg,length_mm`, optionally `x_mm,z_mm,path,cup_y_mm,dir`. Where X or Z is missing the path tells it.
+    pub fn read(file: impl AsRef<FilePath>, options: &Options) -> Result<Self> {
+        let table = Table::read(
+            file,
+            &["b_deg", "length_mm"],
+            &["x_mm", "z_mm", "path", "cup_y_mm", "dir"],
+        )?;
+        let (mut paths, mut points) = (Vec::<(String, Path)>::new(), Vec::new());
+        let shifts = table.optional_column("cup_y_mm")?;
+        let mut warnings = Vec::new();
+        let rows = repeats::rows_once(&table, &mut warnings);
+        for &row in &rows {
+            let name = table.text(row, "path");
+            let key = match &shifts {
+                Some(y) => format!("{name} {}", y[row]),
+                None => name.to_owned(),
+            };
+            let index = match paths.iter().position(|(n, _)| *n == key) {
+                Some(index) => index,
+                None => {
+                    let given = options.paths.iter().find(|(n, _)| n == name).map(|p| p.1);
+                    let mut path = match (given, name, &shifts) {
+                        (Some(path), ..) => path,
+                        (None, "", _) => Path::SOURCE,
+                        (None, _, None) => Path::parse(name)
+                            .map_err(|e| e.in_file(table.path(), Some(table.line(row))))?,
+                        (None, ..) => Path::parse(name).unwrap_or(Path::SOURCE),
+                    };
+                    if let Some(y) = &shifts {
+                        path.cup_y_mm = y[row];
+                    }
+                    paths.push((key, path));
+                    paths.len() - 1
+                }
+            };
+            let path = paths[index].1;
+            let b_deg = table.number(row, "b_deg")?;
+            let implied = path.pose(&options.setup, b_deg.to_radians());
+            let column = |name: &str, implied: Option<f64>| -> Result<f64> {
+                if table.has(name) && !table.text(row, name).is_empty() {
+                    return table.number(row, name);
+                }
+                implied.ok_or_else(|| {
+                    table.error(
+                        row,
+                        "b_deg",
+                        format!("the bar does not reach at {b_deg}°"),
+                        "check --bar-mm, --pivot-mm, --below-mm and the path",
+                    )
+                })
+            };
+            let pose = Pose {
+                b_rad: b_deg.to_radians(),
+                x_mm: column("x_mm", implied.map(|p| p.x_mm))?,
+                // Files have the source's Z, down; the other sense is tried below.
+                up_mm: -column("z_mm", implied.map(|p| -p.up_mm))?,
+            };
+            points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm });
+        }
+        let lengths_mm =
+            rows.iter().map(|&row| table.number(row, "length_mm")).collect::<Result<Vec<_>>>()?;
+        let bar = Bar::new(&options.setup)?;
+        let gap = |points: &[Point]| -> Result<f64> {
+            let nominal = bar.known(points, &[0.0; 6])?;
+            Ok(nominal.iter().zip(&lengths_mm).map(|(n, l)| (n - l).abs()).fold(0.0, f64::max))
+        };
+        let down = gap(&points)?;
+        if table.has("z_mm") {
+            let mut turned = points.clone();
+            turned.iter_mut().for_each(|p| p.pose.up_mm = -p.pose.up_mm);
+            if gap(&turned)? < down {
+                points = turned;
+            }
+        }
+        let largest = gap(&points)?;
+        if largest > 5.0 {
+            return Err(Error::file(
+                table.path(),
+                format!("lengths differ by up to {largest:.3} mm from the set-up's"),
+                "length_mm is the whole length of the bar; check --bar-mm, --pivot-mm, --below-mm and the path names",
+            ));
+        }
+        Ok(Self { points, lengths_mm, paths, warnings })
+    }
+}
