@@ -139,6 +139,55 @@ fn slipped_readings_are_no_effect() {
     assert_eq!(set_aside.len(), 3, "{set_aside:?}");
 }
 
+/// A sweep of 120 poses, 24 of them once more from the other side, with what `hidden` adds (pose, direction of B).
+fn sweep_with_returns(folder: &Path, mut hidden: impl FnMut(usize, f64, f64) -> [f64; 3]) {
+    let machine = "schema = 1\n[head]\nr_mm = 180.0\n[target]\nposition_mm = [70.0, 10.0, 90.0]\n";
+    std::fs::write(folder.join("machine.toml"), machine).unwrap();
+    let mut normal = normal();
+    let mut csv = String::from("b_deg,c_deg,dir_b,dx_mm,dy_mm,dz_mm\n");
+    for k in 0..144_usize {
+        let i = k % 120 * 37 % 120;
+        let (b, c) = ((i / 10) as f64 * 12.0 - 66.0, (i % 10) as f64 * 36.7);
+        let dir = if (k + k / 120).is_multiple_of(2) { 1.0 } else { -1.0 };
+        let d = hidden(i, b.to_radians(), dir).map(|v| v + 0.002 * normal());
+        writeln!(csv, "{b},{c},{dir},{:.6},{:.6},{:.6}", d[0], d[1], d[2]).unwrap();
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+}
+
+/// What follows nothing but the pose shows in poses measured again, from whichever side they were reached.
+#[test]
+fn a_pose_reached_from_the_other_side_is_a_repeat() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut normal = normal();
+    let own: Vec<f64> = (0..120).map(|_| 0.005 * normal()).collect();
+    sweep_with_returns(folder, |pose, _, _| [0.0, 0.0, own[pose]]);
+    let report = diagnose("rtcp", folder);
+    assert_eq!(report["verdict"], "unknown", "{}", report["noise_source"]);
+    assert!(report["effects"].as_array().unwrap().is_empty(), "{}", report["effects"]);
+}
+
+/// A zero of B that was set in one direction is right in it, and wrong by all of the backlash in the other: one cause, one name.
+#[test]
+fn a_backlash_may_count_from_one_direction() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let width_rad = 0.005_f64.to_radians();
+    for zero_dir in [1.0, -1.0] {
+        sweep_with_returns(folder, |_, b, dir| {
+            let real = b - 0.5 * (dir - zero_dir) * width_rad;
+            [-180.0 * (real.sin() - b.sin()), 0.0, -180.0 * (real.cos() - b.cos())]
+        });
+        let report = diagnose("rtcp", folder);
+        let effects = report["effects"].as_array().unwrap();
+        let names: Vec<&str> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
+        assert_eq!(names, ["b-backlash"]);
+        let of = |key: &str| effects[0][key]["width_deg"].as_f64().unwrap();
+        assert!((of("parameters") - 0.005).abs() < 1.5 * of("parameters_u95"));
+    }
+}
+
 /// A target that runs out is seen on a table that turns clockwise too.
 #[test]
 fn run_out_is_seen_whichever_way_the_table_turns() {

@@ -31,6 +31,10 @@ pub struct Options {
 const LACK_OF_FIT_P: f64 = 1e-3;
 /// p-value under which two outputs are said to repeat unlike well.
 const UNLIKE_NOISE_P: f64 = 0.01;
+/// p-value that an output's own repeats must give before it is held against those of all outputs.
+const OWN_REPEATS_P: f64 = 0.05;
+/// Least degrees of freedom of repeats worth a test.
+const LEAST_REPEATS: f64 = 6.0;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
 
@@ -169,11 +173,16 @@ fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Vec<f64> {
             0.0
         };
         let dof = between.between_dof - used;
-        let enough = within.within_dof >= 6.0 && dof >= 3.0 && within.within > 0.0;
+        let enough = within.within_dof >= LEAST_REPEATS && dof >= 3.0 && within.within > 0.0;
         let ratio = (between.between / dof) / (within.within / within.within_dof);
         enough.then(|| ln_f_tail(ratio, dof, within.within_dof))
     };
-    let each = spreads.iter().filter_map(|s| tested(s, if shared_noise { &total } else { s }));
+    let each = spreads.iter().filter_map(|s| {
+        let own = tested(s, s);
+        // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
+        let may_share = shared_noise && own.is_none_or(|p| p < OWN_REPEATS_P.ln());
+        if may_share { tested(s, &total) } else { own }
+    });
     let mut list: Vec<f64> = each.collect();
     if shared_noise && kinds > 1 {
         list.extend(tested(&total, &total));

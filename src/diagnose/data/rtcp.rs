@@ -218,16 +218,10 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
             factors: (0..3 * rows).map(|i| f64::from(u8::from(i % 3 == k))).collect(),
         })
         .collect();
-    let mut keys: Vec<&[f64]> = vec![&data.b_deg, &data.c_deg];
-    for column in [&data.dir_b, &data.dir_c] {
-        if !column.is_empty() {
-            keys.push(column);
-        }
-    }
     Layout {
         values: (0..3 * rows).map(|i| measured[i % 3][i / 3]).collect(),
         groups: (0..3 * rows).map(|i| i / 3).collect(),
-        sites: sites(&keys, rows),
+        sites: sites(&[&data.b_deg, &data.c_deg], rows),
         classes: (0..3 * rows).map(|i| i % 3).collect(),
         directions,
         variables,

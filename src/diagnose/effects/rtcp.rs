@@ -212,11 +212,18 @@ fn head_effects(l: &mut L, data: &Rtcp) {
         },
         data.needs(&["dir_b"]),
     );
-    l.form(vec![angle("width_deg")], |data, p, errors| {
-        for (e, dir) in errors.iter_mut().zip(&data.dir_b) {
-            e.head.b -= 0.5 * dir * p[0].to_radians();
+    // B's zero may stand midway, or be right for the one direction it was set in: then the other one is off by all of the width.
+    for zero_dir in [0.0, 1.0, -1.0] {
+        let mut parameters = vec![angle("width_deg")];
+        if zero_dir != 0.0 {
+            parameters.push(Parameter::switch("zero_dir", zero_dir));
         }
-    });
+        l.form(parameters, move |data, p, errors| {
+            for (e, dir) in errors.iter_mut().zip(&data.dir_b) {
+                e.head.b -= 0.5 * (dir - zero_dir) * p[0].to_radians();
+            }
+        });
+    }
     l.effect(
         Words {
             name: "head-sag",

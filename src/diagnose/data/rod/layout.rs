@@ -82,10 +82,8 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         random.extend(bends(&angles, &shift, &data.capture, data.place.len()).map(|b| vec![b]));
     }
     let mut keys: Vec<&[f64]> = vec![&x, &y];
-    for column in [c_deg, &data.dir_x, &data.dir_y] {
-        if !column.is_empty() {
-            keys.push(column);
-        }
+    if !c_deg.is_empty() {
+        keys.push(c_deg);
     }
     Layout {
         sites: sites(&keys, data.place.len()),
