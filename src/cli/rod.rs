@@ -152,8 +152,8 @@ fn table(r: &Report) -> String {
     if let (Some(e), Some(u)) = (r.eccentricity_mm, r.eccentricity_u95_mm) {
         let _ = writeln!(t, "{:<14}{} mm", "eccentricity", text(e, u));
         for c in &r.rod_centers {
-            let at = format!("rod at C {}°", c.c_deg);
-            let _ = writeln!(t, "{at:<14}{}", pair(c.center_mm, c.center_u95_mm));
+            let at = format!("rod at C {}°", (1e3 * c.c_deg).round() / 1e3);
+            let _ = writeln!(t, "{at:<13} {}", pair(c.center_mm, c.center_u95_mm));
         }
     }
     let _ =
