@@ -126,3 +126,67 @@ fn the_channel_that_shows_the_burn_is_believed_not_the_one_that_shows_tint() {
     let off = off_mm(&found, offset_px);
     assert!(off < 0.004, "off by {off} mm");
 }
+
+/// Where the burn has a gap its light spot is as bright as the plate: both end there, and both are measured.
+#[test]
+fn a_gap_hides_ring_and_spot_alike() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(1.3, -0.8);
+    // Directions and half widths.
+    let one: &[(f64, f64)] = &[(0.7, 1.1)];
+    let three: &[(f64, f64)] = &[(0.3, 0.35), (2.2, 0.3), (4.4, 0.4)];
+    for gaps in [one, three] {
+        let found = measure(&picture(|p| {
+            let d = p - center;
+            let is_gap = |(turn, half): &(f64, f64)| {
+                let away = (d.y.atan2(d.x) - turn).rem_euclid(std::f64::consts::TAU);
+                away.min(std::f64::consts::TAU - away) < *half
+            };
+            let spot = (d - offset_px).norm() < 28.0;
+            let burnt = d.norm() < 140.0 && !spot && !gaps.iter().any(is_gap);
+            if burnt { BURNT } else { PLATE }
+        }))
+        .unwrap();
+        let off_mm = off_mm(&found, offset_px);
+        let u95_mm = found.report.offset.distance_u95_mm;
+        assert!(off_mm < u95_mm && u95_mm < 0.003, "{gaps:?}: off by {off_mm} ± {u95_mm}");
+    }
+}
+
+/// Bands of tint about a soft burn, a few pixels off its centre, draw its edge towards their own: the interval says so.
+#[test]
+fn bands_beyond_a_soft_ring_widen_its_interval() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(2.3, -1.4);
+    let at = |tinted: Vector2<f64>, amplitude: f64| {
+        let found = measure(&picture(|p| {
+            let inside = |r: f64, soft_px: f64| 1.0 / (1.0 + (1.7 * r / soft_px).exp());
+            let out = (p - center - tinted).norm() - 110.0;
+            let band = 1.0 - (std::f64::consts::TAU * out / 44.0).cos();
+            let tint = if out > 0.0 { amplitude * band * (-out / 60.0).exp() } else { 0.0 };
+            let plate = PLATE * (1.0 - tint);
+            let burnt = plate + (BURNT - plate) * inside((p - center).norm() - 110.0, 5.0);
+            burnt + (20.0 - burnt) * inside((p - center - offset_px).norm() - 22.0, 3.0)
+        }))
+        .unwrap();
+        (off_mm(&found, offset_px), found.report.offset.distance_u95_mm)
+    };
+    for tinted in [Vector2::new(2.1, -1.7), Vector2::new(5.0, -4.0)] {
+        for amplitude in [0.05, 0.1] {
+            let (off_mm, u95_mm) = at(tinted, amplitude);
+            assert!(off_mm < u95_mm, "{tinted} {amplitude}: off by {off_mm} ± {u95_mm}");
+        }
+    }
+}
+
+/// A fainter circle about ripples is no burn either.
+#[test]
+fn a_halo_about_ripples_is_no_burn() {
+    let center = Vector2::new(318.3, 241.6);
+    let found = measure(&picture(|p| match (p - center).norm() {
+        r @ ..115.0 if (r / 14.0) as usize % 2 == 0 => BURNT,
+        ..170.0 => PLATE - 30.0,
+        _ => PLATE,
+    }));
+    assert!(found.is_err(), "{:?}", found.map(|m| m.report.ring.diameter_mm));
+}

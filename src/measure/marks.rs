@@ -17,6 +17,8 @@ use crate::measure::spot;
 const TRIES: usize = 4;
 /// A ring's step as a part of another's that has no spot.
 const FAINT: f64 = 0.05;
+/// A halo's step as a part of that of the ring that it surrounds, at most.
+const HALO: f64 = 0.5;
 /// Score of a circle as a part of a clearer one's beside which it is no mark.
 const LESS_CLEAR: f64 = 0.5;
 /// So soft, as a part of its radius, the edge of what is clipped inside is a glare's: where it is broken, and where it is whole.
@@ -65,12 +67,17 @@ pub(super) fn measure(
     let rings = ring_candidates(&steady, 0.06 * side);
     // Of the clearest ring without a spot.
     let mut lone_step = 0.0f64;
-    // Of the clearest one that is none.
-    let mut refused_step = 0.0f64;
+    // Those that are none.
+    let mut refused: Vec<&Candidate> = Vec::new();
     let mut rippled = false;
     for outer in rings.iter().take(TRIES) {
-        // Beside a clear circle the faintest ones are no rings.
-        if outer.step.abs() < FAINT * lone_step.max(refused_step) {
+        // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
+        let refused_step = refused.iter().map(|r| r.step.abs()).fold(lone_step, f64::max);
+        if outer.step.abs() < FAINT * refused_step {
+            continue;
+        }
+        if refused.iter().any(|r| concentric(r, outer) && outer.step.abs() < HALO * r.step.abs()) {
+            rippled = true;
             continue;
         }
         let stands_out = |c: &Candidate, sides: Sides| {
@@ -90,7 +97,7 @@ pub(super) fn measure(
         }
         if is_rippled(outer, &steady) {
             rippled = true;
-            refused_step = refused_step.max(outer.step.abs());
+            refused.push(outer);
             continue;
         }
         let edges: Vec<Candidate> =
@@ -106,7 +113,7 @@ pub(super) fn measure(
             return Err(two_burns(subject, outer, other));
         }
         let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else {
-            refused_step = refused_step.max(outer.step.abs());
+            refused.push(outer);
             continue;
         };
         let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
@@ -214,7 +221,7 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
             .fold(0.0, f64::max);
         let outermost = (all.iter().filter(shares_center))
             .filter(|o| o.circle.radius > 0.6 * c.circle.radius)
-            .filter(|o| o.step.abs() > 0.5 * strongest)
+            .filter(|o| o.step.abs() > HALO * strongest)
             .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
             .unwrap_or(c);
         let known = |r: &Candidate| {
@@ -233,8 +240,12 @@ fn shares_center(o: &Candidate, c: &Candidate) -> bool {
     concentric(o, c)
         && (o.circle.center - c.circle.center).norm()
             < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
-        && o.coverage > 0.6 * c.coverage
-        && o.scatter_px < 2.0 * c.scatter_px + 3.0
+        && is_as_clear(o, c)
+}
+
+/// Whether another edge is about as well seen as a candidate.
+fn is_as_clear(o: &Candidate, c: &Candidate) -> bool {
+    o.coverage > 0.6 * c.coverage && o.scatter_px < 2.0 * c.scatter_px + 3.0
 }
 
 /// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
@@ -252,6 +263,18 @@ fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
         all.iter().filter(counts).count()
     };
     rivals(MOST.1, 0.0) > MOST.0 || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
+}
+
+/// Step of the strongest band beyond a ring, about its centre, as a part of its own.
+fn bands_beyond(ring: &Candidate, edges: &[Candidate]) -> f64 {
+    /// In radii: what a burn's heat tints.
+    const BEYOND: std::ops::Range<f64> = 1.02..1.6;
+    edges
+        .iter()
+        .filter(|o| concentric(o, ring) && is_as_clear(o, ring))
+        .filter(|o| BEYOND.contains(&(o.circle.radius / ring.circle.radius)))
+        .map(|o| (o.step / ring.step).abs())
+        .fold(0.0, f64::max)
 }
 
 /// Whether two may be one edge, seen twice.
@@ -309,10 +332,11 @@ fn measure_ring(
         let is_inner = (INNER.0..0.98).contains(&(inner.circle.radius / ring.circle.radius));
         good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
     });
-    Some(match inner {
+    let ring = match inner {
         Some(inner) => concentric::join(ring, &inner),
         None => ring,
-    })
+    };
+    Some(ring.banded(bands_beyond(outer, edges), view.pixel_mm()))
 }
 
 /// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.

@@ -88,6 +88,14 @@ impl Ring {
         ring
     }
 
+    /// The same for an edge with bands of tint about it, so strong as a part of its step: the first of them lies within it.
+    pub(super) fn banded(mut self, share: f64, pixel_mm: f64) -> Self {
+        let moved_mm = tint_sd_mm(share, self.softness_px, pixel_mm);
+        (0..2).for_each(|i| self.covariance[(i, i)] += moved_mm * moved_mm);
+        self.covariance[(2, 2)] += (EVEN * moved_mm).powi(2);
+        self
+    }
+
     /// The same for an edge that may be out of focus or soft by itself: the radius is as uncertain as for the latter.
     pub fn perhaps_soft(mut self) -> Self {
         /// A soft edge's rim may be out of place by this part of its softness (standard deviation), and the more the more ragged
@@ -177,6 +185,13 @@ pub fn measure(
     Some(Ring { form_from_texture_mm, ..ring })
 }
 
+/// How far a tint of that share of the step may have moved an edge that it lies within (standard deviation).
+fn tint_sd_mm(share: f64, softness_px: f64, pixel_mm: f64) -> f64 {
+    let hidden = (softness_px * pixel_mm / TINT_MM).powi(2).min(1.0);
+    let soft_mm = (softness_px - SHARP_PX).max(0.0) * pixel_mm;
+    LEANING * share.min(MOST_TINT) * hidden * soft_mm
+}
+
 /// Variance of a typical row.
 fn typical_variance(rows: &correlated::Rows) -> f64 {
     rows.variance.len() as f64 / rows.variance.iter().map(|v| 1.0 / v).sum::<f64>()
@@ -225,8 +240,7 @@ fn finish(
         // A ring's tint lies on either side, a spot's outside: inside it goes on by its own dome.
         let [inside, outside] = step.fades.map(f64::abs);
         let tint = if is_spot { outside } else { outside.max(inside) };
-        let hidden = (step.softness_px * pixel_mm / TINT_MM).powi(2).min(1.0);
-        let within_mm = soft_mm * SOFT_EDGE.hypot(LEANING * tint.min(MOST_TINT) * hidden);
+        let within_mm = (SOFT_EDGE * soft_mm).hypot(tint_sd_mm(tint, step.softness_px, pixel_mm));
         let clipped = if is_clipped { CLIPPED } else { 0.0 };
         let unseen_mm =
             within_mm.hypot(LEFT * points.located.leaning_px * pixel_mm).hypot(clipped * soft_mm);

@@ -1,6 +1,9 @@
 //! The spot of a burn test: circles inside the ring that may be it, and the one that is measured.
 
+use nalgebra::Vector2;
+
 use crate::camera::View;
+use crate::edge::wrap;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
@@ -29,12 +32,15 @@ const AS_CLEAR: f64 = 0.2;
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
-/// What a spot must keep to, and one of which less than this part is seen.
+/// What a spot must keep to, and one that is seen in part.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
+/// Of ring and spot one at least is seen to this part, unless ...
 const PARTLY: f64 = 0.8;
-/// Of ring and spot one at least is seen to this part.
-const BOTH: (f64, f64) = (0.8, 0.8);
+/// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
+const ONE_GAP: f64 = 0.5;
+/// How far round the ring, to either side, is looked whether it has a gap there.
+const GAP_RAD: f64 = 0.15;
 /// Radius of a spot as measured, as a part of the ring's: beyond is the inner edge of an annulus, or a ripple.
 const LARGEST: f64 = 0.36;
 
@@ -184,18 +190,40 @@ impl Inside<'_> {
         let size = found.circle.radius / ring.radius;
         let is_rings_own =
             found.contrast * self.ring.contrast < 0.0 && may_end(&found.circle, &ring, 0.0);
-        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it unsure.
-        let is_part = found.arc_coverage < PARTLY && found.form_from_texture_mm == 0.0;
-        let limits = if is_part { &PART } else { &SPOT };
-        let in_part = self.ring.arc_coverage < BOTH.0 && found.arc_coverage < BOTH.1;
+        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
+        // unsure or the ring ends with it.
+        let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
+        let limits = if in_part && found.form_from_texture_mm == 0.0 { &PART } else { &SPOT };
         is_circle(found, self.view, limits)
             && size < LARGEST
             && apart < 1.0
             && !is_rings_own
-            && !in_part
+            && !(in_part && self.ring.arc_coverage < PARTLY)
             && !is_polygon(found)
             && !strayed(found, rough)
     }
+}
+
+/// Share of what is not seen of a spot's edge that looks out on a gap of the ring.
+fn hidden_share(ring: &Ring, spot: &Ring) -> f64 {
+    let turns: Vec<(f64, bool)> = (ring.trace.iter())
+        .map(|(p, seen)| ((p - ring.center_px).y.atan2((p - ring.center_px).x), *seen))
+        .collect();
+    let radius_px =
+        (ring.trace.iter()).map(|(p, _)| (p - ring.center_px).norm()).fold(0.0, f64::max);
+    let is_gap = |p: &Vector2<f64>| {
+        // Where the ray from the spot's centre through its edge meets the ring.
+        let (from, way) = (spot.center_px - ring.center_px, (p - spot.center_px).normalize());
+        let along = from.dot(&way);
+        let end = (along * along - from.norm_squared() + radius_px * radius_px).max(0.0).sqrt();
+        let out = from + way * (end - along);
+        let angle = out.y.atan2(out.x);
+        let near = turns.iter().filter(|(turn, _)| wrap(turn - angle).abs() < GAP_RAD);
+        let (all, seen) = near.fold((0, 0), |(a, s), (_, seen)| (a + 1, s + usize::from(*seen)));
+        2 * seen <= all
+    };
+    let unseen: Vec<_> = spot.trace.iter().filter(|(_, seen)| !seen).map(|(p, _)| p).collect();
+    unseen.iter().filter(|p| is_gap(p)).count() as f64 / unseen.len().max(1) as f64
 }
 
 /// Whether another edge was followed than the one that was found.
