@@ -184,9 +184,34 @@ fn bands_beyond_a_soft_ring_widen_its_interval() {
 fn a_halo_about_ripples_is_no_burn() {
     let center = Vector2::new(318.3, 241.6);
     let found = measure(&picture(|p| match (p - center).norm() {
-        r @ ..115.0 if (r / 14.0) as usize % 2 == 0 => BURNT,
+        r @ ..115.0 if (r % 28.0) < 14.0 => BURNT,
         ..170.0 => PLATE - 30.0,
         _ => PLATE,
     }));
     assert!(found.is_err(), "{:?}", found.map(|m| m.report.ring.diameter_mm));
+}
+
+/// A spot may lie on an annulus' inner edge, lighter than the plate or darker than the burn.
+#[test]
+fn a_spot_on_the_inner_edge_of_an_annulus_is_measured() {
+    let center = Vector2::new(318.3, 241.6);
+    for (level, offset_px) in
+        [(230.0, Vector2::new(88.4, -70.2)), (20.0, Vector2::new(-40.7, 98.3))]
+    {
+        let found = measure(&picture(|p| {
+            let d = p - center;
+            let is_spot = (d - offset_px).norm() < 24.0;
+            let is_burnt = (105.0..150.0).contains(&d.norm());
+            if is_spot {
+                level
+            } else if is_burnt {
+                BURNT
+            } else {
+                PLATE
+            }
+        }))
+        .unwrap();
+        let (off_mm, u95_mm) = (off_mm(&found, offset_px), found.report.offset.distance_u95_mm);
+        assert!(off_mm < u95_mm && u95_mm < 0.01, "{level}: off by {off_mm} ± {u95_mm}");
+    }
 }

@@ -102,8 +102,10 @@ pub(super) fn measure(
         }
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
-        let spots = spot::candidates(&look, outer, &edges);
-        if spots.is_empty() {
+        let spots_at = |reach| spot::candidates(&look, outer, &edges, reach);
+        let mut looks =
+            spot::REACHES.into_iter().map(spots_at).filter(|s| !s.is_empty()).peekable();
+        if looks.peek().is_none() {
             lone_step = lone_step.max(outer.step.abs());
             continue;
         }
@@ -112,34 +114,22 @@ pub(super) fn measure(
         {
             return Err(two_burns(subject, outer, other));
         }
-        let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else {
-            refused.push(outer);
-            continue;
-        };
-        let mut clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES).peekable();
-        let likeliest = clear.peek().copied();
-        let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
-        let measured = clear
-            .filter(|s| likeliest.is_some_and(|l| spot::may_stand_for(l, s, outer)))
-            .enumerate()
-            .find_map(|(nth, s)| {
-                // What is likeliest is not left for what is easier to measure.
-                let nearby = || if nth == 0 { inside.measure_nearby(s) } else { None };
-                inside.measure(s).or_else(nearby)
-            });
-        let Some(spot) = measured else {
+        let mut is_lone = false;
+        for spots in looks {
+            let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { break };
+            let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
+            let clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES);
+            if let Some(spot) = inside.measure_likeliest(clear, outer) {
+                let warnings = warnings(&ring, &spot);
+                return Ok((ring, spot, warnings));
+            }
+            is_lone = true;
+        }
+        if is_lone {
             lone_step = lone_step.max(outer.step.abs());
             break; // The ring is there; a worse one with a better spot would be a wrong answer.
-        };
-        let mut warnings = Vec::new();
-        if ring.arc_coverage < 0.6 {
-            let seen = 100.0 * ring.arc_coverage;
-            warnings.push(format!("only {seen:.0} % of the ring's edge was found"));
         }
-        for (name, mark) in [("ring", &ring), ("spot", &spot)] {
-            warnings.extend(mark.clip_warning(name));
-        }
-        return Ok((ring, spot, warnings));
+        refused.push(outer);
     }
     Err(if lone_step > 0.0 {
         Error::measure(
@@ -160,6 +150,14 @@ pub(super) fn measure(
             "check that the whole ring is in the picture, in focus and darker or brighter than the plate",
         )
     })
+}
+
+/// What about two marks makes them less sure.
+fn warnings(ring: &Ring, spot: &Ring) -> Vec<String> {
+    let seen = 100.0 * ring.arc_coverage;
+    let gap = (seen < 60.0).then(|| format!("only {seen:.0} % of the ring's edge was found"));
+    let clipped = [("ring", ring), ("spot", spot)].map(|(name, mark)| mark.clip_warning(name));
+    gap.into_iter().chain(clipped.into_iter().flatten()).collect()
 }
 
 fn two_burns(subject: &str, one: &Candidate, other: &Candidate) -> Error {
@@ -304,7 +302,7 @@ fn second_burn<'a>(
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
-                && spot::candidates(look, r, &[**r]).first().is_some_and(spot)
+                && spot::candidates(look, r, &[**r], spot::REACHES[0]).first().is_some_and(spot)
         };
         other && (rivals || has_spot())
     })

@@ -14,6 +14,11 @@ use crate::measure::ring::{self, Ring};
 
 /// Radius of the largest spot, as a part of the ring's.
 const MOST: f64 = 0.45;
+/// How far from the ring's centre a spot is looked for, in the ring's radii: farther out, as on an annulus' inner edge, where there is
+/// none nearer.
+pub(super) const REACHES: [f64; 2] = [0.7, 0.9];
+/// Out there it must be whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
+const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
 const OWN: (f64, f64) = (0.3, 0.03);
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
@@ -44,8 +49,13 @@ const GAP_RAD: f64 = 0.15;
 /// Radius of a spot as measured, as a part of the ring's: beyond is the inner edge of an annulus, or a ripple.
 const LARGEST: f64 = 0.36;
 
-/// Circles inside a ring that may be its spot, best first.
-pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) -> Vec<Candidate> {
+/// Circles inside a ring, as far from its centre as `reach`, that may be its spot, best first.
+pub(super) fn candidates(
+    look: &Look,
+    outer: &Candidate,
+    edges: &[Candidate],
+    reach: f64,
+) -> Vec<Candidate> {
     let ring = outer.circle;
     let most_radius_px = MOST * ring.radius;
     let is_rings_own = |c: &Candidate| {
@@ -63,7 +73,7 @@ pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) ->
         find::Options {
             least_radius_px: (0.05 * ring.radius).max(4.0),
             most_radius_px,
-            near: Some((ring.center, 0.7 * ring.radius)),
+            near: Some((ring.center, reach * ring.radius)),
             least_coverage: 0.55,
             centers: 6,
             known: &known,
@@ -79,11 +89,13 @@ pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) ->
     };
     // A dot that small is believed to be the spot only where the spot should be.
     let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
+    let is_between = |c: &Candidate| off(c) > REACHES[0] && c.coverage < WHOLE;
     let mut spots: Vec<Candidate> = inside
         .into_iter()
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
+                && !is_between(c)
                 && !is_rings_own(c)
                 && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
                 && c.step.abs() > LEAST_STEP * outer.step.abs()
@@ -94,7 +106,7 @@ pub(super) fn candidates(look: &Look, outer: &Candidate, edges: &[Candidate]) ->
 }
 
 /// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter, as is one far less clear.
-pub(super) fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
+fn may_stand_for(likeliest: &Candidate, c: &Candidate, ring: &Candidate) -> bool {
     let off = |c: &Candidate| (c.circle.center - ring.circle.center).norm();
     let apart = (c.circle.center - likeliest.circle.center).norm();
     let instead = off(c) <= off(likeliest) && c.score > AS_CLEAR * likeliest.score;
@@ -128,8 +140,26 @@ pub(super) struct Inside<'a> {
 }
 
 impl Inside<'_> {
+    /// Measures the likeliest of the spots that stand out, or what may stand for it.
+    pub(super) fn measure_likeliest<'c>(
+        &self,
+        clear: impl Iterator<Item = &'c Candidate>,
+        outer: &Candidate,
+    ) -> Option<Ring> {
+        let mut clear = clear.peekable();
+        let likeliest = clear.peek().copied();
+        clear
+            .filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer)))
+            .enumerate()
+            .find_map(|(nth, s)| {
+                // What is likeliest is not left for what is easier to measure.
+                let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
+                self.measure(s).or_else(nearby)
+            })
+    }
+
     /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.
-    pub(super) fn measure(&self, spot: &Candidate) -> Option<Ring> {
+    fn measure(&self, spot: &Candidate) -> Option<Ring> {
         let (rough, search) = self.search(spot);
         let mut found = self.look(spot, rough, search)?;
         if strayed(&found, rough) {
@@ -142,7 +172,7 @@ impl Inside<'_> {
 
     /// The same where a glare, a gap or dirt beside the spot has led astray: no farther from its edge than it takes, and to no
     /// other circle.
-    pub(super) fn measure_nearby(&self, spot: &Candidate) -> Option<Ring> {
+    fn measure_nearby(&self, spot: &Candidate) -> Option<Ring> {
         let (rough, search) = self.search(spot);
         NEARBY.iter().find_map(|softnesses| {
             let found = self.look(spot, rough, search.nearby(*softnesses))?;
