@@ -23,6 +23,7 @@ pub mod find;
 pub mod fit;
 pub mod frame;
 pub mod hash;
+pub mod input;
 pub mod live;
 pub mod machine;
 pub mod measure;

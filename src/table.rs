@@ -4,6 +4,7 @@ use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result, nearest};
+use crate::input::{self, Lines};
 
 /// The most rows a table may have; a guard against feeding the wrong file.
 const MAX_ROWS: usize = 20_000_000;
@@ -23,27 +24,34 @@ pub struct Table {
 impl Table {
     /// Reads `path`. Every name in `required` must be a column; columns must be in `required` or
     /// `optional`, or end `optional` with a `*` pattern such as `head_*_c`, or begin with `x_`/`x-`.
-    /// Lines that begin with `#` are comments.
+    /// Lines that begin with `#` are comments; empty columns at the end are none.
     pub fn read(path: impl AsRef<Path>, required: &[&str], optional: &[&str]) -> Result<Self> {
         let path = path.as_ref();
-        let file = std::fs::File::open(path).map_err(|e| Error::io(path, "read", e))?;
-        Self::parse(path, file, required, optional)
+        Self::parse(path, input::bytes(path, input::MOST_TABLE)?, required, optional)
     }
 
-    /// As [`Table::read`], from any reader; `path` is only the name used in messages.
+    /// As [`Table::read`], from bytes; `path` is only the name used in messages.
     pub fn parse(
         path: impl AsRef<Path>,
-        source: impl std::io::Read,
+        bytes: impl Into<Vec<u8>>,
         required: &[&str],
         optional: &[&str],
     ) -> Result<Self> {
         let path = path.as_ref();
-        let mut reader =
-            csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(source);
+        let text = input::utf8(path, bytes.into())?;
+        let mut reader = csv::ReaderBuilder::new()
+            .comment(Some(b'#'))
+            .trim(csv::Trim::All)
+            .flexible(true)
+            .from_reader(text.as_bytes());
+        let mut lines = Lines::new(text.as_bytes());
         let header = reader.headers().map_err(|e| csv_error(path, e))?.clone();
-        let names: Vec<String> =
-            header.iter().map(|n| n.trim_start_matches('\u{feff}').to_owned()).collect();
-        if names.iter().all(String::is_empty) {
+        let header_line = Some(lines.line_at(record_start(text.as_bytes(), 0)));
+        let mut names: Vec<String> = header.iter().map(str::to_owned).collect();
+        while names.last().is_some_and(String::is_empty) {
+            names.pop();
+        }
+        if names.is_empty() {
             return Err(Error::file(
                 path,
                 "the file is empty",
@@ -55,7 +63,7 @@ impl Table {
         {
             return Err(Error::field(
                 path,
-                Some(1),
+                header_line,
                 "header",
                 format!("its columns are separated by {separator:?}"),
                 "save the file with commas between columns and a point as the decimal mark",
@@ -72,7 +80,7 @@ impl Table {
                 let hint = near.map_or(String::new(), |near| format!("did you mean '{near}'? "));
                 return Err(Error::field(
                     path,
-                    Some(1),
+                    header_line,
                     format!("column '{name}'"),
                     "is not known here",
                     format!(
@@ -84,7 +92,7 @@ impl Table {
             if index.insert(name.clone(), i).is_some() {
                 return Err(Error::field(
                     path,
-                    Some(1),
+                    header_line,
                     format!("column '{name}'"),
                     "stands twice in the header",
                     "keep one of them",
@@ -94,7 +102,7 @@ impl Table {
         if let Some(missing) = required.iter().find(|k| !names.iter().any(|n| matches(k, n))) {
             return Err(Error::field(
                 path,
-                Some(1),
+                header_line,
                 format!("column '{missing}'"),
                 format!("is missing; the header has: {}", names.join(", ")),
                 "add the column",
@@ -102,8 +110,24 @@ impl Table {
         }
         let mut rows = Vec::new();
         for record in reader.records() {
-            let record = record.map_err(|e| csv_error(path, e))?;
-            let line = record.position().map_or(0, csv::Position::line);
+            let mut record = record.map_err(|e| csv_error(path, e))?;
+            let start = record.position().map_or(0, |p| p.byte() as usize);
+            let line = lines.line_at(record_start(text.as_bytes(), start));
+            let mut filled = record.len();
+            while filled > 0 && record[filled - 1].is_empty() {
+                filled -= 1;
+            }
+            if record.len() < names.len() || filled > names.len() {
+                let fields = filled.max(record.len().min(names.len()));
+                return Err(Error::field(
+                    path,
+                    Some(line),
+                    "row",
+                    format!("has {fields} fields where the header has {}", names.len()),
+                    "complete the row (a run killed half way leaves such a line at the end)",
+                ));
+            }
+            record.truncate(names.len());
             if rows.len() >= MAX_ROWS {
                 return Err(Error::file(
                     path,
@@ -232,26 +256,20 @@ fn matches(pattern: &str, name: &str) -> bool {
     }
 }
 
-fn csv_error(path: &Path, error: csv::Error) -> Error {
-    let line = error.position().map(csv::Position::line);
-    match error.into_kind() {
-        csv::ErrorKind::Io(source) => Error::io(path, "read", source),
-        csv::ErrorKind::UnequalLengths { expected_len, len, .. } => Error::field(
-            path,
-            line,
-            "row",
-            format!("has {len} fields where the header has {expected_len}"),
-            "complete the row (a run killed half way leaves such a line at the end)",
-        ),
-        csv::ErrorKind::Utf8 { .. } => {
-            Error::file(path, "is not UTF-8 text", "save it as plain CSV (UTF-8)")
+/// Where a record begins, seen from where the one before it ended: empty lines and comments are skipped.
+fn record_start(bytes: &[u8], mut at: usize) -> usize {
+    while let Some(byte) = bytes.get(at) {
+        match byte {
+            b'\n' | b'\r' => at += 1,
+            b'#' => at += bytes[at..].iter().take_while(|&&b| b != b'\n').count(),
+            _ => break,
         }
-        other => Error::file(
-            path,
-            format!("is not readable as CSV ({other:?})"),
-            "save it as plain CSV (UTF-8)",
-        ),
     }
+    at
+}
+
+fn csv_error(path: &Path, error: csv::Error) -> Error {
+    Error::file(path, format!("is not readable as CSV ({error})"), "save it as plain CSV (UTF-8)")
 }
 
 #[cfg(test)]
@@ -259,7 +277,7 @@ mod tests {
     use super::*;
 
     fn parse(text: &str) -> Result<Table> {
-        Table::parse("t.csv", text.as_bytes(), &["a_mm"], &["b", "head_*_c"])
+        Table::parse("t.csv", text, &["a_mm"], &["b", "head_*_c"])
     }
 
     #[test]
@@ -268,6 +286,22 @@ mod tests {
         assert_eq!(t.number(0, "a_mm").unwrap(), 1.5);
         assert_eq!(t.text(0, "b"), "up");
         assert_eq!(t.line(0), 3);
+    }
+
+    #[test]
+    fn empty_columns_at_the_end_are_none() {
+        let t = parse("\u{feff}a_mm,b,,\n1,2\n3,,,\n5,6,,,,\n").unwrap();
+        assert_eq!((t.names().len(), t.rows(), t.text(2, "b")), (2, 3, "6"));
+    }
+
+    #[test]
+    fn rows_keep_their_lines_whatever_stands_before_them() {
+        for end in ["\n", "\r\n"] {
+            let lines = ["# a", "", "a_mm,b", "1,2", "", "# b", "3,\"x\n\ny\"", "5,6", ""];
+            let t = parse(&lines.join(end)).unwrap();
+            assert_eq!([t.line(0), t.line(1), t.line(2)], [4, 7, 10], "{end:?}");
+        }
+        assert_eq!(parse("a_mm\r1\r2\r").unwrap().line(1), 3);
     }
 
     #[test]
@@ -281,6 +315,9 @@ mod tests {
             ("a_mm\tb\n1\t2\n", "separated by '\\t'"),
             ("a_mm,a_mm\n1,2\n", "stands twice"),
             ("a_mm,b\n1,2\n1\n", "t.csv:3: row: has 1 fields"),
+            ("a_mm,b\n1,2,,7\n", "t.csv:2: row: has 4 fields"),
+            ("# from\r\n\r\nb\r\n1\r\n", "t.csv:3: column 'a_mm': is missing"),
+            ("a_mm\r\n1\r\n# so\r\n\r\n1,2\r\n", "t.csv:5: row: has 2 fields"),
         ] {
             let message = parse(text).unwrap_err().to_string();
             assert!(message.contains(words), "{message}");

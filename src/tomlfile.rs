@@ -5,20 +5,12 @@ use std::path::Path;
 use serde::de::DeserializeOwned;
 
 use crate::error::{Error, Result};
-
-/// The largest TOML file accepted, in bytes; a guard against feeding the wrong file.
-const MAX_BYTES: u64 = 16 << 20;
+use crate::input;
 
 /// Reads `path` into `T`. `T` should carry `#[serde(deny_unknown_fields)]`.
 pub fn read<T: DeserializeOwned>(path: impl AsRef<Path>) -> Result<T> {
     let path = path.as_ref();
-    let size = std::fs::metadata(path).map_err(|e| Error::io(path, "read", e))?.len();
-    if size > MAX_BYTES {
-        return Err(Error::file(path, format!("is {size} bytes long"), "give a TOML file"));
-    }
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
-    let text = String::from_utf8(bytes)
-        .map_err(|_| Error::file(path, "is not UTF-8 text", "give a TOML file"))?;
+    let text = input::text(path, input::MOST_SETTINGS)?;
     parse(path, &text)
 }
 

@@ -218,6 +218,14 @@ fn wrong_cells_are_named_with_line_and_column() {
     says("t.csv", "angle_deg;deviation_mm\n0;1\n", rotary, &["separated by ';'"]);
     says("t.csv", "angle_deg,deviation_mm,deviation_mm\n0,1,1\n", rotary, &["twice"]);
     says("t.csv", "angle_deg,deviation_mm\n", rotary, &["no rows"]);
+    // Lines are counted with what stands before them, as a spreadsheet on Windows writes them.
+    says(
+        "t.csv",
+        "# ours\r\n\r\nangle_deg,deviation_mm,,\r\n0,0.1,,\r\n\r\n# so\r\n5,x,,\r\n",
+        rotary,
+        &["t.csv:7", "deviation_mm"],
+    );
+    says("t.csv", "angle_deg,deviation_mm\n0,0.1,,3\n", rotary, &["t.csv:2", "4 fields"]);
     // Micrometres under the name of millimetres, degrees where millimetres are due.
     says("t.csv", "angle_deg,deviation_mm\n0,80\n5,9000\n10,7000\n", rotary, &["check the units"]);
     let rod = "rod t.csv --calib calib.toml";
@@ -327,6 +335,23 @@ fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
     assert_eq!(std::fs::read(dir.join("session.toml")).unwrap(), session);
     if Path::new("/dev/full").exists() {
         refused(dir, "solve session.toml --write-machine m.toml --out /dev/full", &["/dev/full"]);
+    }
+    judge();
+}
+
+#[cfg(unix)]
+#[test]
+fn what_never_ends_is_refused() {
+    let dir = workshop();
+    let dir = dir.path();
+    let made = std::process::Command::new("mkfifo").arg(dir.join("pipe.csv")).status();
+    if made.is_ok_and(|status| status.success()) {
+        refused(dir, "rotary pipe.csv --pivot-mm 573", &["pipe.csv", "is a named pipe"]);
+        refused(dir, "machine pipe.csv", &["pipe.csv", "is a named pipe"]);
+    }
+    if Path::new("/dev/zero").exists() {
+        refused(dir, "machine /dev/zero", &["/dev/zero", "larger than"]);
+        refused(dir, "report /dev/zero --out page.html", &["/dev/zero", "larger than"]);
     }
     judge();
 }

@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::input;
 use crate::machine::Motion;
 use crate::plot::{Figure, Panel};
 use crate::repeats;
@@ -262,7 +263,7 @@ impl Alignment {
     /// Reads the JSON result of `align`.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read", e))?;
+        let text = input::text(path, input::MOST_SETTINGS)?;
         let fail =
             |reason: String| Error::file(path, reason, "give the result of `align --format json`");
         let mut json: serde_json::Map<String, serde_json::Value> =

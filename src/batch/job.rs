@@ -13,7 +13,7 @@ use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::Picture;
 use crate::measure::{burn, circles, rod};
-use crate::{draw, hash, tomlfile};
+use crate::{draw, hash, input, tomlfile};
 
 /// A job as its file states it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -183,12 +183,9 @@ impl Prepared<'_> {
 
     /// Measures one item and judges it.
     pub fn measure(&self, item: &Item) -> Measured {
-        let bytes = match std::fs::read(&item.path) {
+        let bytes = match input::bytes(&item.path, input::MOST_PICTURE) {
             Ok(bytes) => bytes,
-            Err(e) => {
-                let result = Err(Error::io(&item.path, "read", e));
-                return Measured { sha256: None, result, overlays: Vec::new() };
-            }
+            Err(e) => return Measured { sha256: None, result: Err(e), overlays: Vec::new() },
         };
         let sha256 = Some(hash::of_bytes(&bytes));
         match self.report(item, &bytes) {

@@ -6,6 +6,7 @@ use serde_json::Value;
 
 use super::{Global, Outcome, Status};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::identity;
 use crate::report::{self, Options};
 use crate::{batch, clock};
@@ -48,8 +49,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             "give the folder that `batch --out` named, or a result's file",
         ));
     }
-    let text = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
-    let result: Value = serde_json::from_slice(&text).map_err(|e| {
+    let text = input::text(&path, input::MOST_TABLE)?;
+    let result: Value = serde_json::from_str(&text).map_err(|e| {
         Error::file(
             &path,
             format!("is not a JSON result ({e})"),

@@ -9,6 +9,7 @@ use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Gray};
+use crate::input;
 
 /// Largest side of a picture accepted, in pixels.
 const MAX_SIDE_PX: u32 = 32_768;
@@ -84,7 +85,7 @@ impl Picture {
         if path.metadata().is_ok_and(|m| !m.is_file()) {
             return Err(Error::file(path, "is a pipe or a device", "give a picture file"));
         }
-        let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
+        let bytes = input::bytes(path, input::MOST_PICTURE)?;
         Self::decode(path, &bytes)
     }
 

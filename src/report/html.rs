@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
+use crate::input;
 use crate::output::escape;
 
 const STYLE: &str = "
@@ -81,7 +82,7 @@ fn table_of(open: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) 
 
 /// A picture file inside the page.
 pub fn embed(path: &Path) -> Result<String> {
-    let bytes = std::fs::read(path).map_err(|e| Error::io(path, "read", e))?;
+    let bytes = input::bytes(path, input::MOST_PICTURE)?;
     let kind = match bytes.as_slice() {
         [0x89, b'P', b'N', b'G', ..] => "png",
         [0xff, 0xd8, ..] => "jpeg",

@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
+use crate::input;
 use crate::machine::{Head, Machine, Table};
 use crate::rtcp::session_file::{Burn, BurnResult, Control, File, Rod, RodResult, Touch};
 use crate::rtcp::solve::Readings;
@@ -412,8 +413,8 @@ impl Reader<'_> {
 
     fn json(&self, file: &Path) -> Result<serde_json::Value> {
         let path = self.beside(file);
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
-        serde_json::from_slice(&bytes).map_err(|e| {
+        let text = input::text(&path, input::MOST_SETTINGS)?;
+        serde_json::from_str(&text).map_err(|e| {
             Error::file(
                 &path,
                 format!("is not JSON ({e})"),

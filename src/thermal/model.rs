@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{head, screw};
 use crate::error::{Error, Result};
+use crate::input;
 use crate::plot::{Figure, Panel};
 
 /// Head and screws together.
@@ -45,7 +46,7 @@ impl Model {
     /// Reads a model file: the JSON result of `thermal fit`.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read", e))?;
+        let text = input::text(path, input::MOST_SETTINGS)?;
         let fail = |reason: String| {
             Error::file(path, reason, "give the file that `thermal fit --out` wrote")
         };
