@@ -176,6 +176,11 @@ fn pictures_that_lie_about_themselves_are_refused() {
     burn("half.png", &picture[..picture.len() / 2], &["cut short"]);
     burn("head.png", &picture[..20], &[]);
     burn("really.png", b"kind,x_mm\nface,1\n", &["is not a picture"]);
+    let mut jpeg = std::io::Cursor::new(Vec::new());
+    let whole = image::open(dir.join("burn.png")).unwrap();
+    whole.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
+    let jpeg = jpeg.into_inner();
+    burn("half.jpg", &jpeg[..jpeg.len() * 9 / 10], &["cut short", "end marker"]);
     // 60,000 × 60,000 pixels claimed in a few bytes, and 20,000 × 20,000 really compressed to little.
     let mut huge = picture.clone();
     huge[16..24].copy_from_slice(&[0, 0, 0xea, 0x60, 0, 0, 0xea, 0x60]);

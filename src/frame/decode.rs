@@ -8,7 +8,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Gray};
+use crate::frame::{Frame, Gray, jpeg};
 use crate::input;
 
 /// Largest side of a picture accepted, in pixels.
@@ -95,6 +95,13 @@ impl Picture {
         let fail = |e: ImageError| decode_error(path, e);
         if bytes.is_empty() {
             return Err(Error::file(path, "the file is empty", "capture the picture again"));
+        }
+        if jpeg::is_cut_short(bytes) {
+            return Err(Error::file(
+                path,
+                "is cut short: it ends before the JPEG's end marker",
+                "copy or capture the picture again",
+            ));
         }
         let mut reader = ImageReader::new(BufReader::new(Cursor::new(bytes)))
             .with_guessed_format()

@@ -2,6 +2,7 @@
 
 mod decode;
 mod gray;
+pub mod jpeg;
 pub mod named;
 
 pub use decode::{Channel, Picture};

@@ -7,15 +7,6 @@ use zune_jpeg::zune_core::options::DecoderOptions;
 
 use crate::frame::Gray;
 
-/// The end mark may be followed by this many bytes of padding.
-const TAIL: usize = 1024;
-
-/// Whether it begins as a JPEG but lacks the end mark: decoders fill what is missing with gray.
-pub fn is_cut_short(bytes: &[u8]) -> bool {
-    let tail = &bytes[bytes.len().saturating_sub(TAIL)..];
-    bytes.starts_with(&[0xff, 0xd8]) && !tail.windows(2).any(|w| w == [0xff, 0xd9])
-}
-
 /// Decodes luma; `None` for what is no JPEG that has it.
 pub fn luma(bytes: &[u8]) -> Option<Gray<u8>> {
     if !bytes.starts_with(&[0xff, 0xd8]) {

@@ -6,6 +6,7 @@ use std::sync::atomic::AtomicBool;
 
 use crate::cv::Video;
 use crate::error::{Error, Result};
+use crate::frame::jpeg::is_cut_short;
 use crate::frame::{Channel, Frame, Gray, Picture, named};
 use crate::live::jpeg;
 use crate::live::mjpeg::Stream;
@@ -26,7 +27,7 @@ impl Shot {
             Self::Plain(gray) => Ok(Frame::Eight(gray.clone())),
             Self::Encoded(bytes, path) => {
                 let name = path.clone().unwrap_or_else(|| PathBuf::from("frame"));
-                if jpeg::is_cut_short(bytes) {
+                if is_cut_short(bytes) {
                     return Err(Error::file(name, "is cut short", "wait for the next picture"));
                 }
                 match jpeg::luma(bytes) {
