@@ -241,6 +241,21 @@ fn a_wrong_check_touch_fails_loudly_and_writes_nothing() {
 }
 
 #[test]
+fn a_session_without_a_check_touch_and_a_leap_of_a_value_are_doubted() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("s.toml");
+    let control = "[control]\ndelta_x_mm = 0.25\nr_mm = 214.65\nxc_mm = -87.6\nyc_mm = -87.61\n";
+    std::fs::write(&session, format!("{SESSION}{control}")).unwrap();
+    let (code, json, _) = command(&session, &[]);
+    let warnings = json["warnings"].to_string();
+    assert_eq!(code, 0);
+    assert!(warnings.contains("no check touch"), "{warnings}");
+    // zc_mm is not given: what was never set cannot leap.
+    assert_eq!(warnings.matches("mix-up").count(), 1, "{warnings}");
+    assert!(warnings.contains("xc_mm changes by +499.9000 mm"), "{warnings}");
+}
+
+#[test]
 fn bad_sessions_are_refused_with_the_key_to_correct() {
     let folder = tempfile::tempdir().unwrap();
     let session = folder.path().join("s.toml");

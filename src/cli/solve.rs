@@ -8,9 +8,12 @@ use crate::cli::{Global, Outcome, Status, result};
 use crate::error::Result;
 use crate::output::Document;
 use crate::rtcp::Session;
-use crate::rtcp::report::Solution;
+use crate::rtcp::report::{Replaced, Solution};
 use crate::rtcp::solve::{Solved, solve};
 use crate::uncertainty::Verdict;
+
+/// A value of the control that changes by more is doubted, mm.
+const MOST_CHANGE_MM: f64 = 1.0;
 
 /// Finds ΔX, R, the C axis and I1..I4 from contact readings and the rod's centre
 #[derive(Debug, clap::Args)]
@@ -29,8 +32,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     global.reads(&args.session, &session.files)?;
     let solved = solve(&session.readings).map_err(|e| e.in_file(&args.session, None))?;
     let machine = solved.machine(&session.name, session.c_sense, session.standoff_mm.value);
+    let solution = Solution::new(&session, &solved, &machine)?;
     let mut warnings = session.warnings.clone();
     warnings.extend(doubts(&solved));
+    warnings.extend(solution.change.iter().flat_map(|c| c.values.iter().filter_map(leap)));
     let check_failed = solved.check.is_some_and(|c| c.verdict == Verdict::Fail);
     match &args.write_machine {
         Some(path) if check_failed => {
@@ -42,7 +47,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
 
-    let solution = Solution::new(&session, &solved, &machine)?;
     let json = result("solve", &args.session, &warnings, &solution);
     let status = if solution.good() { Status::Good } else { Status::OutOfTolerance };
     Ok(Outcome { document: Some(Document::single(json, table(&solution))), status })
@@ -63,6 +67,12 @@ fn doubts(solved: &Solved) -> Vec<String> {
             solved.delta_x_mm.value
         ));
     }
+    if solved.check.is_none() {
+        warnings.push(
+            "touch.x45_mm is not given: no check touch tells whether a sign, a reading or the rod's diameter is wrong"
+                .into(),
+        );
+    }
     if let Some(check) = solved.check.filter(|c| c.verdict == Verdict::Fail) {
         warnings.push(format!(
             "CHECK FAILED: at B = {:.1}° the nozzle should touch at X = {:.4} mm but touched at {:.4} mm, off by {:+.4} ± {:.4} mm: a sign, a reading or the rod's diameter is wrong; do not use these values",
@@ -74,6 +84,16 @@ fn doubts(solved: &Solved) -> Vec<String> {
         ));
     }
     warnings
+}
+
+/// A value that changes by more than machines move. One that the control holds as zero was perhaps never set.
+fn leap(v: &Replaced) -> Option<String> {
+    (v.now != 0.0 && v.change.abs() > MOST_CHANGE_MM).then(|| {
+        format!(
+            "{} changes by {:+.4} mm, from {:.4} to {:.4} mm: over {MOST_CHANGE_MM} mm is more likely a mix-up (a sign, X with Y, another machine, other coordinates) than a machine that moved; check [control] and the readings before it is typed in",
+            v.name, v.change, v.now, v.new
+        )
+    })
 }
 
 fn table(s: &Solution) -> String {
