@@ -4,7 +4,8 @@ use std::path::Path;
 
 use sha2::{Digest, Sha256};
 
-use crate::error::{Error, Result};
+use crate::error::Result;
+use crate::input;
 
 /// Of bytes.
 pub fn of_bytes(bytes: &[u8]) -> String {
@@ -13,6 +14,5 @@ pub fn of_bytes(bytes: &[u8]) -> String {
 
 /// Of a file's content.
 pub fn of_file(path: impl AsRef<Path>) -> Result<String> {
-    let path = path.as_ref();
-    std::fs::read(path).map(|bytes| of_bytes(&bytes)).map_err(|e| Error::io(path, "read", e))
+    input::bytes(path, input::MOST_PICTURE).map(|bytes| of_bytes(&bytes))
 }

@@ -45,6 +45,30 @@ fn write_session(dir: &Path, delta_x_mm: f64) {
 }
 
 #[test]
+fn a_place_where_no_records_can_be_kept_is_told_before_and_a_failure_after_costs_no_result() {
+    let dir = session();
+    let dir = dir.path();
+    let records = |path: &str, words: &str| {
+        refused(dir, &["solve", "session.toml", "--records", path], words);
+    };
+    records("no/where/r.sqlite", "does not exist");
+    records(".", "is a folder");
+    std::fs::write(dir.join("notes.txt"), "not a database, but long enough to be looked at")
+        .unwrap();
+    records("notes.txt", "notes.txt: the records cannot be used");
+    assert!(!dir.join("r.sqlite").exists());
+    ok(dir, &["schema", "burn", "--records", "no/where/r.sqlite"]);
+    ok(dir, &["solve", "session.toml", "--records", "r.sqlite"]);
+    let full =
+        "CREATE TRIGGER full BEFORE INSERT ON records BEGIN SELECT RAISE(FAIL, 'no room'); END";
+    rusqlite::Connection::open(dir.join("r.sqlite")).unwrap().execute_batch(full).unwrap();
+    let output = run(dir, &["solve", "session.toml", "--records", "r.sqlite", "--quiet"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("r.sqlite") && said.contains("no room"), "{said}");
+    assert!(output.status.success() && !output.stdout.is_empty(), "{said}");
+}
+
+#[test]
 fn records_are_kept_listed_exported_and_drift_is_told() {
     let dir = session();
     let dir = dir.path();

@@ -114,7 +114,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
     if let Some(path) = &global.records {
         let rows = batch::rows(&options.out)?;
-        history::keep_batch(path, job.command(), &options.out, &job.calib_path(), rows)?;
+        let (command, calib) = (job.command(), job.calib_path());
+        let kept = history::keep_batch(path, command, &options.out, &calib, rows);
+        history::told(global, kept);
     }
     let status = match &summary {
         s if s.failed > 0 => Status::SomeFailed,

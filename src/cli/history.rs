@@ -158,6 +158,13 @@ pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<
     Store::open(path)?.add(records).map(drop)
 }
 
+/// Says that a result could not be kept: it is measured and shown all the same.
+pub fn told(global: &Global, kept: Result<()>) {
+    if let Err(error) = kept {
+        global.insist(format_args!("pivotsight: {error}: the result is whole, but not kept there"));
+    }
+}
+
 /// Keeps the measured pictures of a batch.
 pub fn keep_batch(
     path: &Path,

@@ -37,6 +37,7 @@ use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 use crate::clock;
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
+use crate::store::Store;
 use outfiles::{Files, OutFile};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
@@ -81,6 +82,12 @@ impl Global {
         if !self.quiet {
             complain(&message);
         }
+        self.note(message);
+    }
+
+    /// Prints what the user must know even with `--quiet`.
+    pub fn insist(&self, message: impl std::fmt::Display) {
+        complain(&message);
         self.note(message);
     }
 
@@ -206,11 +213,17 @@ pub fn run() -> ExitCode {
         Ok(files) => cli.global.files = files,
         Err(error) => return fail(error),
     }
+    if let Some(path) = &cli.global.records
+        && is_kept(&cli.command)
+        && let Err(error) = Store::check(path)
+    {
+        return fail(error);
+    }
     let words: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
     let global = &cli.global;
     global.note(words.join(" "));
     let status = dispatch(&cli).and_then(|outcome| {
-        history::keep(global, &words, &outcome)?;
+        history::told(global, history::keep(global, &words, &outcome));
         let takes_out = out_is_folder(&cli.command) || makes_file(&cli.command);
         hand_out(global, !takes_out, outcome)
     });
@@ -224,6 +237,12 @@ pub fn run() -> ExitCode {
             fail(error)
         }
     }
+}
+
+/// Whether the command's result goes into the records.
+fn is_kept(command: &Command) -> bool {
+    use Command::{Completions, Config, History, Man, Regress, Schema};
+    !matches!(command, Completions(_) | Config(_) | History(_) | Man(_) | Regress(_) | Schema(_))
 }
 
 /// Whether `--out` names a folder of what the command makes, not its printed result.

@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::error::{Error, Result};
+use crate::output::check_writable;
 
 /// Steps from each version of the file to the next; `PRAGMA user_version` counts the steps taken.
 const MIGRATIONS: [&str; 2] = [
@@ -89,6 +90,12 @@ impl Store {
     /// Opens or creates the file and brings it up to date.
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         Self::connect(path.as_ref())
+    }
+
+    /// Whether records can be kept there, as far as that can be told before there are any: nothing is left behind.
+    pub fn check(path: &Path) -> Result<()> {
+        check_writable(path)?;
+        if path.exists() { Self::open(path).map(drop) } else { Ok(()) }
     }
 
     /// As [`Store::open`], but a missing file is an error.
