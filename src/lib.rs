@@ -41,5 +41,6 @@ pub mod table;
 pub mod thermal;
 pub mod tomlfile;
 pub mod uncertainty;
+pub mod units;
 
 pub use error::{Error, Result};

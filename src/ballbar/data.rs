@@ -8,6 +8,7 @@ use super::path::{Path, Pose};
 use crate::error::{Error, Result};
 use crate::repeats;
 use crate::table::Table;
+use crate::units;
 
 /// Measured lengths and where they were taken.
 #[derive(Debug, Clone)]
@@ -41,6 +42,7 @@ impl Data {
         let (mut paths, mut points) = (Vec::<(String, Path)>::new(), Vec::new());
         let shifts = table.optional_column("cup_y_mm")?;
         let mut warnings = Vec::new();
+        warnings.extend(units::angles("b_deg", &table.column("b_deg")?));
         let rows = repeats::rows_once(&table, &mut warnings);
         for &row in &rows {
             let name = table.text(row, "path");

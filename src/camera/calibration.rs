@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::View;
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
-use crate::tomlfile;
+use crate::{tomlfile, units};
 
 /// What a camera's gamma may be.
 const GAMMAS: (f64, f64) = (0.2, 5.0);
@@ -228,6 +228,16 @@ impl Calibration {
         }
         let gamma = checked_gamma(file.sensor)?;
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
+    }
+
+    /// A scale that looks as if it were in another unit.
+    pub fn doubt(&self) -> Option<String> {
+        match self.mapping {
+            Mapping::Scale { mm_per_px, .. } => {
+                units::pixel("the calibration's mm_per_px", mm_per_px)
+            }
+            Mapping::Pinhole { .. } => None,
+        }
     }
 
     /// Width and height of the frames the lens was calibrated for; `None` for a plain scale.

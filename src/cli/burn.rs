@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use serde_json::json;
 
-use super::pictures::{self, Shown};
+use super::pictures::{self, Camera, Shown};
 use super::{Global, Outcome, Status, place};
 use crate::camera::Calibration;
 use crate::draw;
@@ -19,6 +19,7 @@ use crate::measure::offset::{self, Offset};
 use crate::output::Format;
 use crate::repeats;
 use crate::uncertainty::{Verdict, text};
+use crate::units;
 
 /// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
 #[derive(Debug, clap::Args)]
@@ -92,7 +93,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
-    let mut outcome = pictures::run("burn", &args.images, &identity, overlay, global, |image| {
+    let heights = [
+        units::height("--ring-height-mm", args.ring_height_mm),
+        units::height("--spot-height-mm", args.spot_height_mm),
+    ];
+    let doubts = calibration.doubt().into_iter().chain(heights.into_iter().flatten()).collect();
+    let camera = Camera { calibration: &calibration, identity: &identity, doubts };
+    let mut outcome = pictures::run("burn", &args.images, camera, overlay, global, |image| {
         let subject = image.display().to_string();
         let picture = Picture::read(image)?;
         let measured = burn::measure(&picture, &calibration, &options, &subject)?;
@@ -107,6 +114,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             warnings: report.warnings.clone(),
             good: report.offset.verdict == Verdict::Pass,
             overlay,
+            size: picture.size(),
         };
         if args.cross_check {
             let frame = calibration.light_in(&picture, report.channel);

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use super::pictures::{self, Shown};
+use super::pictures::{self, Camera, Shown};
 use super::{Global, Outcome};
 use crate::camera::Calibration;
 use crate::draw;
@@ -43,7 +43,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     circles::check(&options)?;
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
-    pictures::run("circles", &args.images, &identity, overlay, global, |image| {
+    let doubts = calibration.doubt().into_iter().collect();
+    let camera = Camera { calibration: &calibration, identity: &identity, doubts };
+    pictures::run("circles", &args.images, camera, overlay, global, |image| {
         let subject = image.display().to_string();
         let picture = Picture::read(image)?;
         let measured = circles::measure(&picture, &calibration, &options, &subject)?;
@@ -58,6 +60,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             warnings: report.warnings.clone(),
             good: true,
             overlay,
+            size: picture.size(),
         };
         if args.cross_check {
             let frame = calibration.light_in(&picture, report.channel);

@@ -7,11 +7,12 @@ use rayon::prelude::*;
 use serde_json::{Map, Value, json};
 
 use super::{Global, Outcome, Status, envelope};
-use crate::camera::Identity;
+use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::measure::cross::Opinion;
 use crate::measure::offset::Mean;
 use crate::output::{Document, create_folder, write_whole};
+use crate::units;
 
 /// What is printed of one picture, or of several.
 #[derive(schemars::JsonSchema)]
@@ -80,6 +81,8 @@ pub struct Shown {
     pub good: bool,
     /// The overlay as PNG, where one is asked for.
     pub overlay: Option<Vec<u8>>,
+    /// Pixels a row and rows.
+    pub size: (usize, usize),
 }
 
 impl Shown {
@@ -91,12 +94,22 @@ impl Shown {
     }
 }
 
+/// What a command measures pictures with.
+pub struct Camera<'c> {
+    /// The calibration.
+    pub calibration: &'c Calibration,
+    /// Which one it is.
+    pub identity: &'c Identity,
+    /// What is doubtful about it or the options, whatever the pictures.
+    pub doubts: Vec<String>,
+}
+
 /// Measures every picture with `job` and builds what the command prints. A single picture that fails is the
 /// command's error; of several, each that fails is an entry with `image` and `error`.
 pub fn run(
     command: &str,
     images: &[PathBuf],
-    calibration: &Identity,
+    camera: Camera<'_>,
     overlay: Option<&Path>,
     global: &Global,
     job: impl Fn(&Path) -> Result<Shown> + Sync,
@@ -117,12 +130,14 @@ pub fn run(
     };
     let mut results: Vec<Result<Shown>> = images.par_iter().zip(&names).map(one).collect();
     if let [image] = images {
-        let shown = results.remove(0)?;
+        let mut shown = results.remove(0)?;
+        shown.warnings.splice(..0, camera.doubts);
         shown.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-        let document = Document::single(entry(command, image, calibration, &shown), shown.table);
+        let document =
+            Document::single(entry(command, image, camera.identity, &shown), shown.table);
         return Ok(Outcome { document: Some(document), status: status(shown.good) });
     }
-    Ok(several(command, images, calibration, &results, global))
+    Ok(several(command, images, camera, &results, global))
 }
 
 /// What the command ends with where every picture was measured.
@@ -142,17 +157,24 @@ fn entry(command: &str, image: &Path, calibration: &Identity, shown: &Shown) -> 
 fn several(
     command: &str,
     images: &[PathBuf],
-    calibration: &Identity,
+    camera: Camera<'_>,
     results: &[Result<Shown>],
     global: &Global,
 ) -> Outcome {
-    let (mut rows, mut warnings, mut table) = (Vec::new(), Vec::new(), String::new());
+    let Camera { calibration, identity, doubts: mut warnings } = camera;
+    if calibration.lens_size().is_none() {
+        let names = images.iter().map(|i| i.to_str().unwrap_or_default());
+        let measured =
+            names.zip(results).filter_map(|(name, r)| Some((name, r.as_ref().ok()?.size)));
+        warnings.extend(units::sizes(measured));
+    }
+    let (mut rows, mut table) = (Vec::new(), String::new());
     let (mut failed, mut good) = (0, true);
     for (image, result) in images.iter().zip(results) {
         match result {
             Ok(shown) => {
                 good &= shown.good;
-                rows.push(entry(command, image, calibration, shown));
+                rows.push(entry(command, image, identity, shown));
                 warnings.extend(shown.warnings.iter().map(|w| format!("{}: {w}", image.display())));
                 table.push_str(&shown.table);
             }
@@ -169,7 +191,7 @@ fn several(
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let mut json = envelope(command, images, &warnings);
-    json.insert("calibration".into(), json!(calibration));
+    json.insert("calibration".into(), json!(identity));
     let results: Vec<Value> = rows.iter().map(own_keys).collect();
     json.insert("results".into(), results.into());
     let status = match failed {

@@ -10,6 +10,7 @@ use crate::error::{Error, Result};
 use crate::machine::{AxisName, Chain, Machine, ToolPose};
 use crate::output::{Document, Format};
 use crate::table::Table;
+use crate::units;
 
 /// Turns tool points into machine coordinates (inverse) or back (forward)
 #[derive(Debug, clap::Args)]
@@ -70,7 +71,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             _ => continue,
         };
         let field = format!("column '{name}'");
-        return Err(Error::field(&args.poses, Some(1), field, reason, fix));
+        return Err(Error::field(&args.poses, None, field, reason, fix));
     }
     let poses = if directed {
         all_solutions(&chain, &table, &rotary)?
@@ -135,6 +136,9 @@ fn one_by_one(chain: &Chain, table: &Table, rotary: &[String; 2], way: Way) -> R
         rows.push(Row { counts: Vec::new(), numbers, note: None });
     }
     let mut warnings = Vec::new();
+    for name in rotary {
+        warnings.extend(units::angles(name, &table.column(name)?));
+    }
     if outside > 0 {
         warnings.push(format!("{outside} of {} poses lie outside the axes' limits", rows.len()));
     }

@@ -17,6 +17,10 @@ pub use sweep::{Direction, Group, Noise, Sweep};
 
 use crate::error::{Error, Result};
 use crate::uncertainty::K95;
+use crate::units;
+
+/// Pitch errors of real axes are far smaller, deg.
+const MOST_ERROR_DEG: f64 = 1.0;
 
 /// Degrees of correction per millimetre of the shop rule "0.01 mm = 0.001°".
 pub const PRINTED_RULE_DEG_PER_MM: f64 = 0.1;
@@ -102,10 +106,16 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
     options.validate()?;
     let mut warnings = sweep.warnings.clone();
     let length = options.pivot_mm;
-    if let Some(bad) = sweep.groups.iter().find(|g| g.mean_mm.abs() > 0.1 * length) {
+    warnings.extend(units::pivot("--pivot-mm", length));
+    let error_deg = |mm: f64| (mm / length).atan().to_degrees();
+    if let Some(bad) = sweep.groups.iter().find(|g| error_deg(g.mean_mm).abs() > MOST_ERROR_DEG) {
         return Err(Error::measure(
             format!("{:.3}°", bad.angle_deg),
-            format!("a deviation of {} mm is no pitch error at L = {length} mm", bad.mean_mm),
+            format!(
+                "a deviation of {} mm is no pitch error at L = {length} mm: it is {:.2}°, over {MOST_ERROR_DEG}°",
+                bad.mean_mm,
+                error_deg(bad.mean_mm)
+            ),
             "check the units: both must be in mm",
         ));
     }
@@ -119,7 +129,7 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
     let mut rows = Vec::with_capacity(sweep.groups.len());
     for (group, comp_old_deg) in sweep.groups.iter().zip(old) {
         let y = group.mean_mm;
-        let error_deg = (y / length).atan().to_degrees();
+        let error_deg = error_deg(y);
         let in_dead_band = y.abs() <= options.dead_band_mm + 1e-9;
         let comp_new_deg = if in_dead_band { comp_old_deg } else { comp_old_deg - error_deg };
         let deviation_u95_mm = noise.u95_of_mean(group.readings);

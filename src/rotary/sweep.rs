@@ -7,6 +7,7 @@ use super::{Options, copies};
 use crate::error::{Error, Result};
 use crate::table::Table;
 use crate::uncertainty::k95;
+use crate::units;
 
 /// The way the axis came to the angle.
 #[derive(
@@ -110,7 +111,8 @@ impl Sweep {
         let mut by_place: BTreeMap<(i64, Option<Direction>), usize> = BTreeMap::new();
         let mut groups: Vec<Group> = Vec::new();
         let mut readings = Vec::new();
-        let (rows, warnings) = copies::runs_once(table);
+        let (rows, mut warnings) = copies::runs_once(table);
+        warnings.extend(units::angles("angle_deg", &table.column("angle_deg")?));
         for row in rows {
             let angle = table.number(row, "angle_deg")?;
             if angle.abs() > 36_000.0 {

@@ -10,6 +10,7 @@ use crate::rtcp::session_file::{Burn, BurnResult, Control, File, Rod, RodResult,
 use crate::rtcp::solve::Readings;
 use crate::tomlfile;
 use crate::uncertainty::{K95, Measured, Verdict};
+use crate::units;
 
 /// Standard uncertainty taken for a length whose own is not given, mm.
 const DEFAULT_U_MM: f64 = 0.005;
@@ -160,6 +161,7 @@ impl Reader<'_> {
                 let fix = "give ring_height_mm above spot_height_mm, in mm";
                 return Err(self.wrong("burn", "the ring is not burnt higher than the spot", fix));
             }
+            self.warnings.extend(units::height("burn.ring_height_mm", burn.ring_height_mm));
             if !(1.0..=5.0).contains(&burn.spot_height_mm) {
                 self.warnings.push(format!(
                     "S1: the spot was burnt at {} mm, the method asks for 1 to 5 mm",

@@ -11,6 +11,7 @@ use crate::error::{Error, Result};
 use crate::fit::serial;
 use crate::table::Table;
 use crate::uncertainty::k95;
+use crate::units;
 
 /// The most sensors the source's model uses.
 pub const MOST_SENSORS: usize = 10;
@@ -60,6 +61,8 @@ pub struct Data {
     displacement_mm: Vec<f64>,
     /// Where they are from.
     path: std::path::PathBuf,
+    /// What a user should know of the file.
+    warnings: Vec<String>,
 }
 
 impl Data {
@@ -76,13 +79,16 @@ impl Data {
         }
         let displacement_mm = table.column("displacement_mm")?;
         let mut rises_c = vec![Vec::with_capacity(sensors.len()); table.rows()];
+        let mut warnings = Vec::new();
         for (i, name) in sensors.iter().enumerate() {
             let cold = cold_c.get(i).copied().unwrap_or(0.0);
-            for (row, value) in rises_c.iter_mut().zip(table.column(name)?) {
+            let column = table.column(name)?;
+            warnings.extend(units::celsius(name, &column));
+            for (row, value) in rises_c.iter_mut().zip(column) {
                 row.push(value - cold);
             }
         }
-        Ok(Self { rises_c, displacement_mm, path: table.path().to_owned() })
+        Ok(Self { rises_c, displacement_mm, path: table.path().to_owned(), warnings })
     }
 
     fn sensors(&self) -> usize {
@@ -103,7 +109,7 @@ pub(super) fn sensor_columns(table: &Table) -> Result<Vec<String>> {
         )),
         Some(missing) => Err(Error::field(
             table.path(),
-            Some(1),
+            None,
             format!("column '{missing}'"),
             "is missing: sensors are numbered from 1 without a gap",
             "rename the columns",
@@ -202,6 +208,7 @@ impl Head {
 
 /// Fits the head's model; warnings go to `warnings`.
 pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result<Head> {
+    warnings.extend(data.warnings.iter().cloned());
     if !(1..=MOST_SENSORS).contains(&options.max_sensors) {
         return Err(Error::option("--max-sensors", "is out of range", "give 1 to 10"));
     }

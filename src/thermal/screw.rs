@@ -9,6 +9,7 @@ use crate::fit::tails::ln_f_tail;
 use crate::table::Table;
 use crate::thermal::law::{Law, Line, Point};
 use crate::uncertainty::k95;
+use crate::units;
 
 /// Rows whose screw temperatures are closer than this belong to one calibration run.
 const SAME_RUN_C: f64 = 0.5;
@@ -30,6 +31,8 @@ pub struct Data {
     axes: Vec<(String, Vec<Point>)>,
     /// Where they are from.
     path: PathBuf,
+    /// What a user should know of the file.
+    warnings: Vec<String>,
 }
 
 impl Data {
@@ -52,7 +55,8 @@ impl Data {
                 None => axes.push((name, vec![point])),
             }
         }
-        Ok(Self { axes, path: table.path().to_owned() })
+        let warnings = units::celsius("screw_c", &table.column("screw_c")?).into_iter().collect();
+        Ok(Self { axes, path: table.path().to_owned(), warnings })
     }
 }
 
@@ -128,6 +132,7 @@ impl Screw {
 
 /// Fits every axis; warnings go to `warnings`.
 pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result<Vec<Screw>> {
+    warnings.extend(data.warnings.iter().cloned());
     for (option, pairs) in [("--p0-mm", &options.p0_mm), ("--t0-c", &options.t0_c)] {
         if let Some((name, _)) = (1..pairs.len())
             .map(|i| &pairs[i])

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use crate::error::{Error, Result};
 use crate::repeats;
 use crate::table::Table;
+use crate::units;
 
 /// One capture.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,6 +67,7 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
             ));
         }
     }
+    warnings.extend(units::angles("c_deg", &table.optional_column("c_deg")?.unwrap_or_default()));
     repeats::pictures_once(&table, warnings)?
         .into_iter()
         .map(|(row, path)| {

@@ -23,6 +23,7 @@ use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
 use crate::measure::points::{CLOSE, GLANCE, Points, Search, edge_points};
 use crate::uncertainty::{K95, k95};
+use crate::units;
 use attempts::Attempts;
 use joint::{Arc, Axis, Joint};
 use outer::Found;
@@ -69,6 +70,10 @@ pub fn measure(
         })
         .collect::<Result<Vec<_>>>()?;
     let mut measured = measure_frames(captures, &frames, options)?;
+    let sizes = frames.iter().map(|(frame, _)| (frame.width(), frame.height()));
+    let sizes = captures.iter().map(|c| c.image.as_str()).zip(sizes);
+    measured.report.warnings.extend(calibration.doubt());
+    measured.report.warnings.extend(units::sizes(sizes));
     if let Some(laser) = &calibration.laser {
         measured.report.refer_to_laser(laser);
     }

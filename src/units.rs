@@ -1,0 +1,141 @@
+//! Numbers that look as if they were in another unit than the one asked for. They are told and taken as they stand: only
+//! the user knows.
+
+use std::collections::BTreeSet;
+use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
+
+use crate::diagnose::generic::range;
+
+/// Heights of burns, mm: in metres or micrometres the method's 1 to 50 mm lie outside.
+const HEIGHTS_MM: RangeInclusive<f64> = 0.1..=1000.0;
+/// Distances from a rotary axis to the tool point, mm.
+const PIVOTS_MM: RangeInclusive<f64> = 5.0..=20_000.0;
+/// Sizes of a pixel on the plane, mm.
+const PIXELS_MM: RangeInclusive<f64> = 1e-4..=1.0;
+/// Temperatures that no screw or head has in °C, but every one in kelvin.
+const KELVIN: RangeInclusive<f64> = 233.0..=400.0;
+/// Angles over which a full circle is told in degrees, not radians.
+const MOST_RADIANS: f64 = TAU + 0.02;
+
+/// An angle column that moves over a machine's range: says so where the numbers look like radians.
+pub fn swept_angles(name: &str, values: &[f64]) -> Option<String> {
+    let (low, high) = range(values);
+    let largest = low.abs().max(high.abs());
+    let whole = values.iter().all(|v| (v * 4.0 - (v * 4.0).round()).abs() < 1e-9);
+    (largest > 0.0 && largest < 6.5 && !whole).then(|| {
+        format!(
+            "column '{name}' stays within ±{largest:.3}: if it is in radians, turn it into degrees"
+        )
+    })
+}
+
+/// Any angle column: says so where every number is a multiple of 5° in radians, as angles are set, and none is in degrees.
+pub fn angles(name: &str, values: &[f64]) -> Option<String> {
+    /// Numbers are rounded to three decimals or more.
+    const ROUNDED: f64 = 6e-4;
+    let step = 5f64.to_radians();
+    let mut multiples = BTreeSet::new();
+    for v in values.iter().filter(|v| **v != 0.0) {
+        let multiple = (v / step).round();
+        if multiple == 0.0 || v.abs() > MOST_RADIANS || (v - multiple * step).abs() > ROUNDED {
+            return None;
+        }
+        multiples.insert(multiple as i64);
+    }
+    (multiples.len() >= 3).then(|| {
+        format!("column '{name}' has multiples of 5° in radians alone: if it is in radians, turn it into degrees")
+    })
+}
+
+/// Errors in mm: says so where the numbers look like metres or micrometres.
+pub fn errors(name: &str, values: &[f64]) -> Option<String> {
+    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    if largest > 0.0 && largest < 1e-4 {
+        Some(format!(
+            "column '{name}' stays within ±{largest:.1e}: if it is in metres, turn it into millimetres"
+        ))
+    } else if largest > 5.0 {
+        Some(format!(
+            "column '{name}' reaches {largest:.1}: if it is in micrometres, turn it into millimetres"
+        ))
+    } else {
+        None
+    }
+}
+
+/// Temperatures in °C: says so where the numbers look like kelvin.
+pub fn celsius(name: &str, values: &[f64]) -> Option<String> {
+    (!values.is_empty() && values.iter().all(|v| KELVIN.contains(v))).then(|| {
+        format!("column '{name}' stays between 233 and 400: if it is in kelvin, subtract 273.15")
+    })
+}
+
+/// The height of a burn.
+pub fn height(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, HEIGHTS_MM)
+}
+
+/// The distance from a rotary axis to the tool point.
+pub fn pivot(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, PIVOTS_MM)
+}
+
+/// The size of a pixel.
+pub fn pixel(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, PIXELS_MM)
+}
+
+/// A length in mm: says so where it looks like metres or micrometres.
+fn length(name: &str, mm: f64, usual: RangeInclusive<f64>) -> Option<String> {
+    if mm <= 0.0 || usual.contains(&mm) {
+        return None;
+    }
+    let (other, meant) =
+        if mm < *usual.start() { ("metres", 1e3 * mm) } else { ("micrometres", 1e-3 * mm) };
+    Some(format!("{name} is {mm} mm: if it is in {other}, write {meant:.6} (mm)"))
+}
+
+/// Pictures that one scale cannot hold for: says which has another size than the first.
+pub fn sizes<'n>(pictures: impl IntoIterator<Item = (&'n str, (usize, usize))>) -> Option<String> {
+    let mut pictures = pictures.into_iter();
+    let (first, (w, h)) = pictures.next()?;
+    let (other, (width, height)) = pictures.find(|(_, size)| *size != (w, h))?;
+    Some(format!(
+        "'{other}' has {width}×{height} px where '{first}' has {w}×{h} px: one mm_per_px holds for one camera and resolution, and the camera axis is taken to be in the middle of each"
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn radians_are_told_and_degrees_are_not() {
+        let degrees: Vec<f64> = (-9..=9).map(|k| 10.0 * f64::from(k)).collect();
+        let radians: Vec<f64> =
+            degrees.iter().map(|d| (1e4 * d.to_radians()).round() / 1e4).collect();
+        assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
+        for right in
+            [degrees, vec![0.0; 4], vec![-6.0, -3.0, 3.0, 6.0], vec![-0.002, 0.001, 3.1416]]
+        {
+            assert_eq!(angles("b_deg", &right), None);
+        }
+        // As they are set, in steps of any tenth of a degree.
+        let fine = (1..=62).map(|k| (1..=6).map(|i| f64::from(i * k) / 10.0).collect::<Vec<_>>());
+        assert!(fine.into_iter().all(|v| angles("b_deg", &v).is_none()));
+    }
+
+    #[test]
+    fn lengths_and_temperatures_of_another_unit_are_told() {
+        assert_eq!([50.0, 3.0, 1.0, 0.5, 200.0].map(|h| height("h", h)), [const { None }; 5]);
+        assert!(height("--ring-height-mm", 0.05).unwrap().contains("metres, write 50.0"));
+        assert!(height("--ring-height-mm", 50_000.0).unwrap().contains("micrometres, write 50.0"));
+        assert!(pivot("--pivot-mm", 0.573).unwrap().contains("573.0"));
+        assert!(pixel("scale.mm_per_px", 7.4).unwrap().contains("0.0074"));
+        assert!(celsius("screw_c", &[293.15, 303.2]).unwrap().contains("kelvin"));
+        assert_eq!(celsius("screw_c", &[20.0, 293.0]), None);
+        assert_eq!(sizes([("a", (8, 6)), ("b", (8, 6))]), None);
+        assert!(sizes([("a", (8, 6)), ("b", (16, 12))]).unwrap().contains("'b' has 16×12 px"));
+    }
+}
