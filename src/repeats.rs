@@ -1,7 +1,7 @@
 //! What stands twice in a table counts once, and the user is told: a copy knows nothing new, and intervals that
 //! count it are too narrow.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::hash::Hash;
 use std::path::{Path, PathBuf};
 
@@ -38,6 +38,15 @@ pub fn contents(paths: &[impl AsRef<Path>]) -> Vec<String> {
 pub fn rows_once(table: &Table, warnings: &mut Vec<String>) -> Vec<usize> {
     let firsts = firsts((0..table.rows()).map(|row| table.cells(row)));
     once(table, &firsts, "a row", warnings)
+}
+
+/// Leaves out the copies among the rows of a measured run. Without a time that goes on equal rows may be repeats.
+pub fn timed_once(table: &mut Table, warnings: &mut Vec<String>) {
+    let times = (0..table.rows()).map(|row| table.text(row, "t_s"));
+    if times.collect::<HashSet<_>>().len() > 1 {
+        let rows = rows_once(table, warnings);
+        table.keep(&rows);
+    }
 }
 
 /// As [`rows_once`] for rows that each name a picture in the column `image`, with where it is: beside the table unless

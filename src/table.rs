@@ -147,6 +147,13 @@ impl Table {
         Ok(Self { path: path.to_owned(), names, index, rows })
     }
 
+    /// Leaves out all rows but these, in their order.
+    pub fn keep(&mut self, rows: &[usize]) {
+        let mut kept = rows.iter().peekable();
+        let mut row = 0..;
+        self.rows.retain(|_| kept.next_if_eq(&&row.next().unwrap_or_default()).is_some());
+    }
+
     /// Number of rows, at least one.
     pub fn rows(&self) -> usize {
         self.rows.len()

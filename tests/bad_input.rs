@@ -388,6 +388,48 @@ fn rows_that_stand_twice_count_once_and_are_named() {
 }
 
 #[test]
+fn a_diagnosis_counts_copies_once_and_doubts_what_no_machine_shows() {
+    let dir = workshop();
+    let dir = dir.path();
+    let write = |name: &str, text: &str| std::fs::write(dir.join(name), text).unwrap();
+    let sweep = std::fs::read_to_string(dir.join("rtcp.csv")).unwrap();
+    let mut lines = sweep.lines();
+    let mut timed = format!("{},t_s\n", lines.next().unwrap());
+    lines.enumerate().for_each(|(i, line)| timed += &format!("{line},{}\n", 10 * i));
+    let again = timed.lines().skip(5).take(20).fold(timed.clone(), |all, line| all + line + "\n");
+    write("once.csv", &timed);
+    write("twice.csv", &again);
+    let [once, twice] = ["once", "twice"]
+        .map(|name| run(dir, &format!("diagnose rtcp --model machine.toml --data {name}.csv")));
+    let said = |output: &std::process::Output| String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(once.stdout, twice.stdout);
+    assert!(said(&twice).contains("twice.csv: 20 left out"), "{}", said(&twice));
+    assert!(!said(&once).contains("left out"), "{}", said(&once));
+    let own = "schema = 1\n[[effects]]\nname = \"pull\"\nkind = \"rtcp\"\nparameters = { pull_mm = { typical = 0.5 } }\n\
+               outputs = { dx_mm = \"pull_mm * b_deg\" }\n";
+    write("own.toml", own);
+    let own = run(dir, "diagnose rtcp --model machine.toml --data once.csv --effects own.toml");
+    assert!(said(&own).contains("own.toml: effects 'pull' adds up to 44.4 mm"), "{}", said(&own));
+    let few: String = timed.lines().take(4).map(|line| format!("{line}\n")).collect();
+    write("few.csv", &few);
+    refused(
+        dir,
+        "diagnose rtcp --model machine.toml --data few.csv",
+        &["few.csv: rtcp", "too few"],
+    );
+    // A rim that reaches out of the picture.
+    let mut points = String::from("capture,x_mm,y_mm,u_px,v_px\n");
+    for i in 0..40 {
+        let (s, c) = (0.157 * f64::from(i)).sin_cos();
+        points += &format!("a,0,0,{},{}\n", 400.0 + 320.0 * c, 300.0 + 320.0 * s);
+    }
+    write("points.csv", &points);
+    let rim = run(dir, "simulate rod --data points.csv --calib calib.toml");
+    assert!(said(&rim).contains("lie outside of the 800×600 px"), "{}", said(&rim));
+    judge();
+}
+
+#[test]
 fn what_is_misspelt_in_a_file_is_found_before_anything_is_measured() {
     let dir = workshop();
     let dir = dir.path();

@@ -74,12 +74,20 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         model: args.model.clone(),
         calib: args.calib.clone(),
         effects: args.effects.clone(),
+        once: !args.plan_only,
     };
     if let Some(folder) = &args.report {
         global.makes("--report", folder, ["index.html"])?;
     }
     let mut warnings = Vec::new();
     let experiment = source.load(&mut warnings)?;
+    // Told at once: they may be why the rest fails.
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let told = warnings.len();
+    let of_data = |error| match error {
+        Error::Measure { .. } => Error::in_file(error, &args.data, None),
+        of_an_option => of_an_option,
+    };
     let input = args.data.display().to_string();
     if args.plan_only {
         let noise_mm = args.noise_mm.ok_or_else(|| {
@@ -89,14 +97,14 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 "give the standard deviation of one value in mm",
             )
         })?;
-        let list = plan::detectable(experiment.as_ref(), noise_mm)?;
-        warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+        let list = plan::detectable(experiment.as_ref(), noise_mm).map_err(of_data)?;
         let table = plan_table(&list);
         let planned = Planned { kind: experiment.kind().into(), noise_mm, detectable: list };
         let json = result("diagnose", input, &warnings, &planned);
         return Ok(Outcome::good(Document::single(json, table)));
     }
-    let diagnosis = diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm })?;
+    let diagnosis =
+        diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm }).map_err(of_data)?;
     let report = diagnosis.report;
     for (name, why) in &report.untested {
         warnings.push(format!("{name} could not be tested: {why}"));
@@ -106,7 +114,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         global.write(path, machine.to_toml().as_bytes())?;
         warnings.extend(model::left_out(&report));
     }
-    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    warnings[told..].iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(folder) = &args.report {
         let page = page::html(experiment.as_ref(), &report);
         global.write_into(folder, "index.html", page.as_bytes())?;

@@ -99,6 +99,7 @@ fn source(args: &Args) -> Source {
         model: args.model.clone(),
         calib: args.calib.clone(),
         effects: args.effects.clone(),
+        once: false,
     }
 }
 

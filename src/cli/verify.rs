@@ -11,7 +11,6 @@ use serde_json::json;
 use crate::cli::{Global, Outcome, Status, result, rows};
 use crate::diagnose::data::of_model;
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
-use crate::diagnose::data::{angle_warning, length_warning};
 use crate::diagnose::generic::range;
 use crate::diagnose::own;
 use crate::error::{Error, Result};
@@ -22,6 +21,7 @@ use crate::rtcp::plan;
 use crate::rtcp::sweep::{Size, Sweep, predict};
 use crate::rtcp::verify::{Options, figure, verify};
 use crate::uncertainty::{Contribution, K95, Verdict, budget};
+use crate::units;
 
 /// Compares a measured RTCP sweep with the machine model, or suggests the sweep to measure
 #[derive(Debug, clap::Args)]
@@ -154,7 +154,7 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path, global: &Global) -> Re
 fn doubts(sweep: &Sweep, measured: &[Vector3<f64>], warnings: &mut Vec<String>) {
     for (k, name) in ["b_deg", "c_deg"].into_iter().enumerate() {
         let angles: Vec<f64> = sweep.rotary_rad.iter().map(|r| r[k].to_degrees()).collect();
-        angle_warning(name, &angles, warnings);
+        warnings.extend(units::swept_angles(name, &angles));
         let (low, high) = range(&angles);
         if high - low < 1e-6 {
             warnings.push(format!(
@@ -163,7 +163,8 @@ fn doubts(sweep: &Sweep, measured: &[Vector3<f64>], warnings: &mut Vec<String>) 
         }
     }
     for (k, name) in ["dx_mm", "dy_mm", "dz_mm"].into_iter().enumerate() {
-        length_warning(name, &measured.iter().map(|d| d[k]).collect::<Vec<f64>>(), warnings);
+        let column: Vec<f64> = measured.iter().map(|d| d[k]).collect();
+        warnings.extend(units::errors(name, &column));
     }
 }
 
@@ -197,8 +198,8 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     if !machine.effects.is_empty() {
         let entries = own::of_machine(machine, "rtcp");
         let mut more = Vec::new();
-        let experiment = own::around(machine, &args.machine, entries, |rest| {
-            let made = RtcpExperiment::from_table(&sweep.table, rest, &mut more);
+        let experiment = own::around(machine, &args.machine, entries, &mut more, |rest, more| {
+            let made = RtcpExperiment::from_table(&sweep.table, rest, more);
             Ok(Box::new(made.map_err(|e| of_model(e, &args.machine))?))
         })?;
         more.retain(|w| !warnings.contains(w));

@@ -10,7 +10,7 @@ use serde::Serialize;
 use super::Options;
 use super::machine::VirtualMachine;
 use crate::camera::Calibration;
-use crate::diagnose::data::rod::RodExperiment;
+use crate::diagnose::data::rod::{COLUMNS, RodExperiment};
 use crate::diagnose::experiment::Experiment;
 use crate::diagnose::model::with_effects;
 use crate::diagnose::page;
@@ -22,6 +22,7 @@ use crate::measure::rod;
 use crate::output::{create_folder, write_whole};
 use crate::render::rod::RenderedRod;
 use crate::render::stream_rng;
+use crate::table;
 
 /// Seconds from one capture to the next.
 const PACE_S: f64 = 20.0;
@@ -120,7 +121,9 @@ fn diagnosed(
     name: &str,
 ) -> Result<Report> {
     let points = folder.join("points.csv");
-    let experiment = RodExperiment::read(points, calibration, Some(machine), &mut Vec::new())?;
+    let table = table::Table::read(points, COLUMNS.0, COLUMNS.1)?;
+    let experiment =
+        RodExperiment::from_table(&table, calibration, Some(machine), &mut Vec::new())?;
     let report = diagnose(&experiment, &crate::diagnose::run::Options::default())?.report;
     let pages = folder.join(name);
     create_folder(&pages)?;

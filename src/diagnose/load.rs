@@ -5,14 +5,16 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 
 use crate::camera::Calibration;
-use crate::diagnose::data::columns::ColumnsExperiment;
+use crate::diagnose::data::columns::{self, ColumnsExperiment};
 use crate::diagnose::data::of_model;
-use crate::diagnose::data::rod::RodExperiment;
-use crate::diagnose::data::rtcp::RtcpExperiment;
+use crate::diagnose::data::rod::{self, RodExperiment};
+use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::experiment::Experiment;
 use crate::diagnose::own;
 use crate::error::{Error, Result};
-use crate::machine::{Head, Machine, Table};
+use crate::machine::{self, Head, Machine};
+use crate::repeats;
+use crate::table::Table;
 
 /// The kinds of data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -42,6 +44,8 @@ pub struct Source {
     pub calib: Option<PathBuf>,
     /// Effects of the user's own.
     pub effects: Option<PathBuf>,
+    /// Whether copies of timed rows are left out: of a measured run they are none, of a plan they are wanted.
+    pub once: bool,
 }
 
 impl Source {
@@ -54,7 +58,7 @@ impl Source {
                 "is missing: the prediction needs the machine's geometry",
                 "give the machine.toml that the control's numbers stand in",
             )),
-            None => Ok(Machine::head_b_table_c(Head::default(), Table::default())),
+            None => Ok(Machine::head_b_table_c(Head::default(), machine::Table::default())),
         }
     }
 
@@ -69,10 +73,26 @@ impl Source {
         of_machine.retain(|e| !entries.iter().any(|o| o.name == e.name));
         entries.extend(of_machine);
         let path = self.effects.as_ref().or(self.model.as_ref()).unwrap_or(&self.data);
-        own::around(&machine, path, entries, |rest| {
+        own::around(&machine, path, entries, warnings, |rest, warnings| {
             let model = self.model.as_deref().unwrap_or(&self.data);
             self.library(rest, warnings).map_err(|e| of_model(e, model))
         })
+    }
+
+    /// The data file.
+    fn table(&self, warnings: &mut Vec<String>) -> Result<Table> {
+        let (required, optional) = match self.kind {
+            Kind::Rtcp => rtcp::COLUMNS,
+            Kind::Rod => rod::COLUMNS,
+            Kind::Ballbar => columns::BALLBAR_COLUMNS,
+            Kind::Thermal => columns::THERMAL_COLUMNS,
+            Kind::Burn => columns::BURN_COLUMNS,
+        };
+        let mut table = Table::read(&self.data, required, optional)?;
+        if self.once {
+            repeats::timed_once(&mut table, warnings);
+        }
+        Ok(table)
     }
 
     /// The experiment with the library alone.
@@ -81,8 +101,9 @@ impl Source {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Box<dyn Experiment>> {
+        let table = self.table(warnings)?;
         Ok(match self.kind {
-            Kind::Rtcp => Box::new(RtcpExperiment::read(&self.data, machine, warnings)?),
+            Kind::Rtcp => Box::new(RtcpExperiment::from_table(&table, machine, warnings)?),
             Kind::Rod => {
                 let calib = self.calib.as_ref().ok_or_else(|| {
                     Error::option(
@@ -92,11 +113,11 @@ impl Source {
                     )
                 })?;
                 let calibration = Calibration::read(calib)?;
-                Box::new(RodExperiment::read(&self.data, &calibration, Some(machine), warnings)?)
+                Box::new(RodExperiment::from_table(&table, &calibration, Some(machine), warnings)?)
             }
-            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar(&self.data, machine, warnings)?),
-            Kind::Thermal => Box::new(ColumnsExperiment::thermal(&self.data, machine, warnings)?),
-            Kind::Burn => Box::new(ColumnsExperiment::burn(&self.data, machine, warnings)?),
+            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar_table(&table, machine, warnings)?),
+            Kind::Thermal => Box::new(ColumnsExperiment::thermal_table(&table, machine, warnings)?),
+            Kind::Burn => Box::new(ColumnsExperiment::burn_table(&table, machine, warnings)?),
         })
     }
 }

@@ -45,6 +45,9 @@ const COLUMNS: &[&str] = &[
 /// Least size that a parameter of a model file is taken to have: it may be zero.
 const LEAST_TYPICAL: f64 = 1e-6;
 
+/// What an effect adds to no machine's outputs, mm.
+const MOST_MM: f64 = 5.0;
+
 /// An effects file: `docs/diagnose.md` explains each key.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -176,16 +179,19 @@ pub fn around(
     machine: &Machine,
     path: &Path,
     entries: Vec<Entry>,
-    library: impl FnOnce(&Machine) -> Result<Box<dyn Experiment>>,
+    warnings: &mut Vec<String>,
+    library: impl FnOnce(&Machine, &mut Vec<String>) -> Result<Box<dyn Experiment>>,
 ) -> Result<Box<dyn Experiment>> {
     if entries.is_empty() {
-        return library(machine);
+        return library(machine, warnings);
     }
     let own = |e: &Effect| entries.iter().any(|o| o.name == e.name);
     let (mut rest, mut taken) = (machine.clone(), machine.clone());
     rest.effects.retain(|e| !own(e));
     taken.effects.retain(own);
-    Ok(Box::new(OwnEffects::new(library(&rest)?, path, entries, &taken)?))
+    let own = OwnEffects::new(library(&rest, warnings)?, path, entries, &taken)?;
+    own.check(path, warnings)?;
+    Ok(Box::new(own))
 }
 
 impl OwnEffects {
@@ -226,13 +232,11 @@ impl OwnEffects {
             let values = effect.parameters.values().copied().collect();
             known.push(Active { effect: first + at, form: 0, values });
         }
-        let own = Self { inner, entries, infos, formulas, known };
-        own.check(path)?;
-        Ok(own)
+        Ok(Self { inner, entries, infos, formulas, known })
     }
 
-    /// Formulas must give numbers on every row.
-    fn check(&self, path: &Path) -> Result<()> {
+    /// Formulas must give numbers on every row; says which give sizes that no machine shows.
+    fn check(&self, path: &Path, warnings: &mut Vec<String>) -> Result<()> {
         let first = self.inner.effects().len();
         for (k, e) in self.entries.iter().enumerate() {
             let values: Vec<f64> = e
@@ -250,6 +254,14 @@ impl OwnEffects {
                     format!("effects '{}': outputs", e.name),
                     format!("gives no number at value {} of the data", i + 1),
                     "keep logarithms, roots and divisions away from zero",
+                ));
+            }
+            let most = added.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+            if most > MOST_MM {
+                warnings.push(format!(
+                    "{}: effects '{}' adds up to {most:.1} mm at its typical sizes, more than any machine shows: check the formula's units (outputs in mm, angles in degrees) and what is typical",
+                    path.display(),
+                    e.name
                 ));
             }
         }

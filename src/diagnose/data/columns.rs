@@ -1,14 +1,12 @@
 //! `ballbar`, `thermal` and `burn` data: one or two values a row over plain columns.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
-    angle_warning, ballbar, check_direction, extend_time, known_effects, length_warning, need,
-    need_head_b_table_c, sites, thermal,
+    ballbar, check_direction, extend_time, known_effects, need, need_head_b_table_c, sites, thermal,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
@@ -18,6 +16,7 @@ use crate::diagnose::generic::range;
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::table::Table;
+use crate::units;
 
 /// The columns of a file by name, with the head vector where the kind needs it.
 #[derive(Debug, Clone, Default)]
@@ -113,57 +112,43 @@ pub struct ColumnsExperiment {
     nuisances: Vec<Parameter>,
 }
 
-impl ColumnsExperiment {
-    /// Reads burn test offsets: `height_mm,power_w,b_deg,dx_mm,dy_mm`, optional `t_s,temp_c`.
-    pub fn burn(
-        path: impl AsRef<Path>,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let table = Table::read(
-            path,
-            &["height_mm", "power_w", "b_deg"],
-            &["dx_mm", "dy_mm", "t_s", "temp_c"],
-        )?;
-        Self::burn_table(&table, machine, warnings)
-    }
+/// Columns of burn test offsets: needed and possible.
+pub const BURN_COLUMNS: (&[&str], &[&str]) =
+    (&["height_mm", "power_w", "b_deg"], &["dx_mm", "dy_mm", "t_s", "temp_c"]);
+/// Columns of thermal errors.
+pub const THERMAL_COLUMNS: (&[&str], &[&str]) =
+    (&["t_s", "axis", "position_mm", "screw_c"], &["error_mm", "head_*_c", "ambient_c"]);
+/// Columns of ball bar lengths.
+pub const BALLBAR_COLUMNS: (&[&str], &[&str]) =
+    (&["b_deg"], &["length_mm", "x_mm", "z_mm", "path", "dir", "t_s", "temp_c"]);
 
-    /// As [`ColumnsExperiment::burn`], from a table.
+impl ColumnsExperiment {
+    /// From a table of burn test offsets.
     pub fn burn_table(
         table: &Table,
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
         let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
-        angle_warning("b_deg", data.get("b_deg"), warnings);
+        warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
+        let highest = data.get("height_mm").iter().copied().fold(0.0, f64::max);
+        warnings.extend(units::height("column 'height_mm'", highest));
         Self::new(&BURN, table, data, Vec::new(), machine, warnings)
     }
 
-    /// Reads thermal errors: `t_s,axis,position_mm,error_mm,screw_c`, `head_1_c..`, optional `ambient_c`.
-    pub fn thermal(
-        path: impl AsRef<Path>,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let table = Table::read(
-            path,
-            &["t_s", "axis", "position_mm", "screw_c"],
-            &["error_mm", "head_*_c", "ambient_c"],
-        )?;
-        Self::thermal_table(&table, machine, warnings)
-    }
-
-    /// As [`ColumnsExperiment::thermal`], from a table.
+    /// From a table of thermal errors.
     pub fn thermal_table(
         table: &Table,
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
         let mut data = read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
+        warnings.extend(units::celsius("screw_c", data.get("screw_c")));
         let sensors = table.names().iter().filter(|n| n.starts_with("head_")).count();
         for k in 1..=sensors {
             let name = format!("head_{k}_c");
             let column = table.column(&name)?;
+            warnings.extend(units::celsius(&name, &column));
             let t = data.get("t_s");
             let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
             // Rises above the cold state; columns that begin well above zero hold temperatures.
@@ -175,21 +160,7 @@ impl ColumnsExperiment {
         Self::new(&THERMAL, table, data, nuisances, machine, warnings)
     }
 
-    /// Reads ball bar lengths: `b_deg,length_mm`, optional `x_mm,z_mm,path,dir`.
-    pub fn ballbar(
-        path: impl AsRef<Path>,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let table = Table::read(
-            path,
-            &["b_deg"],
-            &["length_mm", "x_mm", "z_mm", "path", "dir", "t_s", "temp_c"],
-        )?;
-        Self::ballbar_table(&table, machine, warnings)
-    }
-
-    /// As [`ColumnsExperiment::ballbar`], from a table.
+    /// From a table of ball bar lengths.
     pub fn ballbar_table(
         table: &Table,
         machine: &Machine,
@@ -197,7 +168,7 @@ impl ColumnsExperiment {
     ) -> Result<Self> {
         need_head_b_table_c("ballbar", machine)?;
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
-        angle_warning("b_deg", data.get("b_deg"), warnings);
+        warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
         check_direction(table, "dir", data.get("dir"), warnings)?;
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
@@ -218,7 +189,7 @@ impl ColumnsExperiment {
         for name in sort.outputs {
             let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);
             if sort.kind != "ballbar" {
-                length_warning(name, &column, warnings);
+                warnings.extend(units::errors(name, &column));
             }
             measured.push(column);
         }

@@ -79,32 +79,6 @@ pub fn check_direction(
     }
 }
 
-/// An angle column in degrees: says so where the numbers look like radians.
-pub fn angle_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
-    let (low, high) = crate::diagnose::generic::range(values);
-    let largest = low.abs().max(high.abs());
-    let whole = values.iter().all(|v| (v * 4.0 - (v * 4.0).round()).abs() < 1e-9);
-    if largest > 0.0 && largest < 6.5 && !whole {
-        warnings.push(format!(
-            "column '{name}' stays within ±{largest:.3}: if it is in radians, turn it into degrees"
-        ));
-    }
-}
-
-/// Errors in mm: says so where the numbers look like metres or micrometres.
-pub fn length_warning(name: &str, values: &[f64], warnings: &mut Vec<String>) {
-    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-    if largest > 0.0 && largest < 1e-4 {
-        warnings.push(format!(
-            "column '{name}' stays within ±{largest:.1e}: if it is in metres, turn it into millimetres"
-        ));
-    } else if largest > 5.0 {
-        warnings.push(format!(
-            "column '{name}' reaches {largest:.1}: if it is in micrometres, turn it into millimetres"
-        ));
-    }
-}
-
 /// The library's effects are written for B in the head and C in the table; a machine of another order is refused, not
 /// predicted wrongly.
 pub fn need_head_b_table_c(kind: &str, machine: &Machine) -> Result<()> {
@@ -136,7 +110,9 @@ pub fn need_head_b_table_c(kind: &str, machine: &Machine) -> Result<()> {
 /// An error of [`known_effects`] with the name of the model file; any other as it is.
 pub fn of_model(error: Error, path: &std::path::Path) -> Error {
     match &error {
-        Error::Measure { subject, .. } if subject.starts_with("effects") => {
+        Error::Measure { subject, .. }
+            if subject.starts_with("effects") || subject.ends_with(" data") =>
+        {
             error.in_file(path, None)
         }
         _ => error,

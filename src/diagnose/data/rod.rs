@@ -4,12 +4,11 @@ mod layout;
 
 use std::collections::{BTreeMap, HashMap};
 use std::f64::consts::TAU;
-use std::path::Path;
 
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{angle_warning, check_direction, extend_time, known_effects, need};
+use crate::diagnose::data::{check_direction, extend_time, known_effects, need};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
@@ -18,6 +17,7 @@ use crate::diagnose::experiment::{
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::table::Table;
+use crate::units;
 use layout::layout;
 
 /// The captures and their edge points.
@@ -170,21 +170,12 @@ pub struct RodExperiment {
     nuisances: Vec<Parameter>,
 }
 
-impl RodExperiment {
-    /// Reads the `--points` file of `pivotsight rod`.
-    pub fn read(
-        path: impl AsRef<Path>,
-        calibration: &Calibration,
-        machine: Option<&Machine>,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let required = ["capture", "x_mm", "y_mm", "u_px", "v_px"];
-        let optional = ["c_deg", "t_s", "temp_c", "dir_x", "dir_y"];
-        let table = Table::read(path, &required, &optional)?;
-        Self::from_table(&table, calibration, machine, warnings)
-    }
+/// Columns of the `--points` file of `pivotsight rod`: needed and possible.
+pub const COLUMNS: (&[&str], &[&str]) =
+    (&["capture", "x_mm", "y_mm", "u_px", "v_px"], &["c_deg", "t_s", "temp_c", "dir_x", "dir_y"]);
 
-    /// As [`RodExperiment::read`], from a table.
+impl RodExperiment {
+    /// From a table of [`COLUMNS`].
     pub fn from_table(
         table: &Table,
         calibration: &Calibration,
@@ -219,7 +210,7 @@ impl RodExperiment {
         };
         let (x, y) = (per_capture("x_mm")?, per_capture("y_mm")?);
         let c_deg = per_capture("c_deg")?;
-        angle_warning("c_deg", &c_deg, warnings);
+        warnings.extend(units::swept_angles("c_deg", &c_deg));
         let (dir_x, dir_y) = (per_capture("dir_x")?, per_capture("dir_y")?);
         for (name, column) in [("dir_x", &dir_x), ("dir_y", &dir_y)] {
             if !column.is_empty() {
@@ -235,6 +226,19 @@ impl RodExperiment {
             ((low_u + high_u).max(1.0) as usize + 1, (low_v + high_v).max(1.0) as usize + 1)
         });
         let view = calibration.view(width, height)?;
+        let inside = |r: &usize| {
+            let inner = |at: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&at);
+            inner(u[*r], width) && inner(v[*r], height)
+        };
+        let outside: Vec<usize> = (0..table.rows()).filter(|r| !inside(r)).collect();
+        if lens && let Some(first) = outside.first() {
+            warnings.push(format!(
+                "{}: {} points lie outside of the {width}×{height} px that the calibration covers, the first on line {}: is it this camera's?",
+                table.path().display(),
+                outside.len(),
+                table.line(*first)
+            ));
+        }
         let sense = machine.map_or(1.0, |m| f64::from(m.c_sense));
         let place: Vec<Vector2<f64>> =
             x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect();

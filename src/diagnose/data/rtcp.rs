@@ -1,13 +1,10 @@
 //! `rtcp` data: deviation vectors over B, C, direction, time, temperature.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{
-    angle_warning, check_direction, extend_time, length_warning, need, need_head_b_table_c, sites,
-};
+use crate::diagnose::data::{check_direction, extend_time, need, need_head_b_table_c, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::{PoseError, library};
 use crate::diagnose::experiment::{
@@ -17,6 +14,7 @@ use crate::diagnose::generic::range;
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::table::Table;
+use crate::units;
 
 /// The nominal machine, as far as RTCP goes.
 #[derive(Debug, Clone)]
@@ -95,20 +93,14 @@ pub struct RtcpExperiment {
     nuisances: Vec<Parameter>,
 }
 
-impl RtcpExperiment {
-    /// Reads the data. Without `d` columns (a plan) the deviations are zero.
-    pub fn read(
-        path: impl AsRef<Path>,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let optional =
-            ["dx_mm", "dy_mm", "dz_mm", "dir_b", "dir_c", "t_s", "temp_c", "x_mm", "y_mm", "z_mm"];
-        let table = Table::read(path, &["b_deg", "c_deg"], &optional)?;
-        Self::from_table(&table, machine, warnings)
-    }
+/// Columns of `rtcp` data: needed and possible. Without `d` columns (a plan) the deviations are zero.
+pub const COLUMNS: (&[&str], &[&str]) = (
+    &["b_deg", "c_deg"],
+    &["dx_mm", "dy_mm", "dz_mm", "dir_b", "dir_c", "t_s", "temp_c", "x_mm", "y_mm", "z_mm"],
+);
 
-    /// As [`RtcpExperiment::read`], from a table.
+impl RtcpExperiment {
+    /// From a table of [`COLUMNS`].
     pub fn from_table(
         table: &Table,
         machine: &Machine,
@@ -117,8 +109,8 @@ impl RtcpExperiment {
         need_head_b_table_c("rtcp", machine)?;
         let (b_deg, c_deg) = (table.column("b_deg")?, table.column("c_deg")?);
         let rows = table.rows();
-        angle_warning("b_deg", &b_deg, warnings);
-        angle_warning("c_deg", &c_deg, warnings);
+        warnings.extend(units::swept_angles("b_deg", &b_deg));
+        warnings.extend(units::swept_angles("c_deg", &c_deg));
         let column = |name: &str| table.optional_column(name).map(Option::unwrap_or_default);
         let (dir_b, dir_c) = (column("dir_b")?, column("dir_c")?);
         check_direction(table, "dir_b", &dir_b, warnings)?;
@@ -160,7 +152,7 @@ impl RtcpExperiment {
         let mut measured = Vec::with_capacity(3 * rows);
         for name in ["dx_mm", "dy_mm", "dz_mm"] {
             let d = column(name)?;
-            length_warning(name, &d, warnings);
+            warnings.extend(units::errors(name, &d));
             measured.push(if d.is_empty() { vec![0.0; rows] } else { d });
         }
         let layout = layout(&data, &measured, given);
