@@ -85,6 +85,10 @@ fn missing(path: &Path) -> String {
     let Some(gone) = whole.filter(|p| !p.exists()).last() else {
         return "correct the path".into();
     };
+    if let Ok(target) = gone.read_link() {
+        let (link, target) = (gone.display(), target.display());
+        return format!("'{link}' is a link to '{target}', which is not there: correct the link");
+    }
     let beside = gone.parent().unwrap_or(Path::new(""));
     let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let wanted = gone.file_name().unwrap_or_default().to_string_lossy();

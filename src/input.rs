@@ -14,15 +14,20 @@ pub const MOST_TABLE: u64 = 512 << 20;
 /// The largest picture file, in bytes: what is decoded may have no more.
 pub const MOST_PICTURE: u64 = 1 << 30;
 
-/// What the file at `path` holds, `most` bytes at most.
-pub fn bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
-    let path = path.as_ref();
-    let failed = |e| Error::io(path, "read", e);
+/// Opens a file to read.
+pub fn open(path: &Path) -> Result<File> {
     if is_named_pipe(path) {
         let reason = "is a named pipe, which would be waited for, perhaps for ever";
         return Err(Error::file(path, reason, "give a file, or /dev/stdin and pipe it in"));
     }
-    let file = File::open(path).map_err(failed)?;
+    File::open(path).map_err(|e| Error::io(path, "read", e))
+}
+
+/// What the file at `path` holds, `most` bytes at most.
+pub fn bytes(path: impl AsRef<Path>, most: u64) -> Result<Vec<u8>> {
+    let path = path.as_ref();
+    let failed = |e| Error::io(path, "read", e);
+    let file = open(path)?;
     let size = file.metadata().map_err(failed)?.len();
     let mut bytes = Vec::with_capacity(size.min(most) as usize);
     if size <= most {

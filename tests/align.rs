@@ -309,6 +309,14 @@ fn the_command_measures_applies_and_names_bad_touches() {
         .arg(file("p.nc"))
         .assert()
         .success();
+    // A program as an editor on Windows saves it: read all the same, and its line ends kept.
+    let path = std::fs::read_to_string("docs/examples/path.apt").unwrap();
+    std::fs::write(file("w.apt"), format!("\u{feff}{}", path.replace('\n', "\r\n"))).unwrap();
+    let mut windows = command();
+    windows.args(["apply", "--machine", "docs/examples/machine-ac.toml", "--align"]);
+    windows.args(["a.json", "w.apt", "w.nc"].map(file)).assert().success();
+    let [unix, windows] = ["p.nc", "w.nc"].map(|name| std::fs::read_to_string(file(name)).unwrap());
+    assert_eq!(unix.replace('\n', "\r\n"), windows);
     for (text, words) in [
         ("face,0,0,0\nface,1,1,0\n", "2 face points"),
         ("face,0,0,0\nface,10,10,0\nface,20,20,0\n", "on a line"),

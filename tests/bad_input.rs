@@ -482,6 +482,18 @@ fn a_page_is_made_of_results_only() {
     judge();
 }
 
+#[cfg(unix)]
+#[test]
+fn a_link_to_nothing_is_called_one() {
+    let dir = workshop();
+    let dir = dir.path();
+    std::os::unix::fs::symlink("gone/calib.toml", dir.join("link.toml")).unwrap();
+    let listed = listing(dir);
+    refused(dir, "burn burn.png --calib link.toml", &["link.toml", "a link to 'gone/calib.toml'"]);
+    assert_eq!(listing(dir), listed);
+    judge();
+}
+
 /// A name that JSON cannot hold is refused, never a panic half way.
 #[cfg(unix)]
 #[test]

@@ -159,6 +159,29 @@ fn a_stream_guides_at_the_camera_s_pace() {
 }
 
 #[test]
+fn a_frame_of_another_size_is_named_and_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = folder.path().join("pictures");
+    std::fs::create_dir(&pictures).unwrap();
+    for (i, jpeg) in frames(folder.path(), PLACE, 3).iter().enumerate() {
+        std::fs::write(pictures.join(format!("{i}.jpg")), jpeg).unwrap();
+    }
+    let odd = image::GrayImage::from_pixel(64, 48, image::Luma([90]));
+    odd.save(pictures.join("1-odd.png")).unwrap();
+    let calib = folder.path().join("calib.toml");
+    let (json, _, words) = run(&[
+        "center",
+        pictures.to_str().unwrap(),
+        "--calib",
+        calib.to_str().unwrap(),
+        "--u95-mm",
+        "0.00001",
+    ]);
+    assert!(words.contains("1-odd.png has 64×48 px"), "{words}");
+    assert_eq!((number(&json, "/frames_seen"), number(&json, "/frames_used")), (4.0, 3.0));
+}
+
+#[test]
 fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
     let folder = tempfile::tempdir().unwrap();
     let pictures = folder.path().join("pictures");

@@ -1,6 +1,6 @@
 //! Streams a program through an alignment: line by line in, moved and posted out.
 
-use std::io::{BufRead, BufReader, BufWriter, Write};
+use std::io::{BufRead, BufReader, BufWriter, Read, Write};
 use std::path::Path;
 
 use nalgebra::Vector3;
@@ -10,8 +10,12 @@ use super::cl::{self, Record, Refusal};
 use super::nc::{self, Block, Modal};
 use super::post::{Log, Poster, straight};
 use crate::error::{Error, Result};
+use crate::frame::named::ends_in;
 use crate::machine::{Chain, Joints, Machine, Motion, ToolPose};
 use crate::output::write_streamed;
+
+/// The longest line of a program, in bytes.
+const MOST_LINE: u64 = 1 << 20;
 
 /// How a program is written.
 #[derive(
@@ -30,14 +34,12 @@ pub enum Form {
 impl Form {
     /// What a file's name says.
     pub fn of_name(path: &Path) -> Option<Self> {
-        match path.extension()?.to_str()?.to_ascii_lowercase().as_str() {
-            "cl" | "csv" | "txt" | "xyz" => Some(Self::Cl),
-            "apt" | "cls" | "cldata" | "aptsource" => Some(Self::Apt),
-            "nc" | "ngc" | "mpf" | "spf" | "tap" | "cnc" | "gcode" | "iso" | "eia" | "g" => {
-                Some(Self::Nc)
-            }
-            _ => None,
-        }
+        let forms: [(Self, &[&str]); 3] = [
+            (Self::Cl, &["cl", "csv", "txt", "xyz"]),
+            (Self::Apt, &["apt", "cls", "cldata", "aptsource"]),
+            (Self::Nc, &["nc", "ngc", "mpf", "spf", "tap", "cnc", "gcode", "iso", "eia", "g"]),
+        ];
+        forms.into_iter().find(|(_, endings)| ends_in(path, endings)).map(|(form, _)| form)
     }
 }
 
@@ -142,9 +144,9 @@ pub fn apply(
         feed: options.feed_mm_min,
         through: Vec::new(),
     };
-    let file = std::fs::File::open(input).map_err(|e| Error::io(input, "read", e))?;
+    let file = crate::input::open(input)?;
     let mut reader = BufReader::with_capacity(1 << 18, file);
-    let mut lines = 0;
+    let (mut lines, mut windows) = (0, false);
     write_streamed(output, |file| {
         let mut writer = BufWriter::with_capacity(1 << 18, file);
         let (mut bytes, mut out) = (Vec::new(), String::new());
@@ -153,19 +155,29 @@ pub fn apply(
         }
         loop {
             bytes.clear();
-            if reader.read_until(b'\n', &mut bytes).map_err(|e| Error::io(input, "read", e))? == 0 {
+            let mut line = reader.by_ref().take(MOST_LINE);
+            if line.read_until(b'\n', &mut bytes).map_err(|e| Error::io(input, "read", e))? == 0 {
                 break;
             }
             lines += 1;
+            if bytes.len() as u64 == MOST_LINE {
+                let reason = format!("is longer than {MOST_LINE} bytes");
+                return Err(Error::field(input, Some(lines), "line", reason, "give a program"));
+            }
+            windows = bytes.ends_with(b"\r\n") || windows && !bytes.ends_with(b"\n");
             let text = std::str::from_utf8(&bytes).map_err(|_| {
                 Error::field(input, Some(lines), "text", "is not UTF-8", "save it as plain text")
             })?;
             let text = text.trim_end_matches(['\n', '\r']);
+            let text = if lines == 1 { text.trim_start_matches('\u{feff}') } else { text };
             let done = match from {
                 Form::Nc => mover.nc(lines, text, &mut Block::default(), &mut out),
                 Form::Cl | Form::Apt => mover.cl(lines, text, from, &mut out),
             };
             done.map_err(|stop| stop.at(input, lines))?;
+            if windows {
+                out = out.replace('\n', "\r\n");
+            }
             writer.write_all(out.as_bytes()).map_err(|e| Error::io(output, "write", e))?;
             out.clear();
         }

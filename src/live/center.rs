@@ -137,12 +137,19 @@ pub fn run(
                 continue;
             }
         };
-        let size = (frame.width(), frame.height());
-        let fits = |v: &&View| (v.width_px(), v.height_px()) == size;
-        let view = match view.as_ref().filter(fits) {
+        let (width, height) = (frame.width(), frame.height());
+        let view = match &view {
             Some(view) => view,
-            None => view.insert(calibration.view(size.0, size.1)?),
+            None => view.insert(calibration.view_of(&shot.name(seen), width, height)?),
         };
+        if (view.width_px(), view.height_px()) != (width, height) {
+            failed += 1;
+            let (w, h) = (view.width_px(), view.height_px());
+            let name = shot.name(seen);
+            why = format!("{name} has {width}×{height} px where the first frame has {w}×{h} px");
+            tell(News::NotSeen(why.clone()))?;
+            continue;
+        }
         let Some(ring) = tracker.look(&frame, view) else {
             failed += 1;
             why = "no circle was found".into();

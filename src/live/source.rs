@@ -21,6 +21,14 @@ pub enum Shot {
 }
 
 impl Shot {
+    /// What it is called: its file, or which frame it is.
+    pub fn name(&self, number: usize) -> String {
+        match self {
+            Self::Encoded(_, Some(path)) => path.display().to_string(),
+            _ => format!("frame {number}"),
+        }
+    }
+
     /// The picture as one gray frame.
     pub fn frame(&self) -> Result<Frame> {
         match self {

@@ -8,6 +8,7 @@ use crate::calib::check::{self, DiameterReport, PlaneReport};
 use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::Picture;
+use crate::frame::named::ends_in;
 use crate::measure::rod::read_captures;
 use crate::output::Document;
 use crate::uncertainty::{Verdict, text};
@@ -62,7 +63,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
     }
     let calibration = Calibration::read(&args.calib)?;
-    let table_given = args.inputs[0].extension().is_some_and(|e| e.eq_ignore_ascii_case("csv"));
+    let table_given = ends_in(&args.inputs[0], &["csv"]);
     match (args.diameter_mm, table_given, &args.inputs[..]) {
         (None, true, [path]) => {
             let mut warnings = Vec::new();

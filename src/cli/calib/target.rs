@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use super::super::{Global, Outcome, result};
 use crate::calib::target::{Page, Target, pdf, svg};
 use crate::error::{Error, Result};
+use crate::frame::named::ends_in;
 use crate::output::Document;
 
 /// Writes a calibration target to print, true to scale, as SVG or PDF
@@ -36,17 +37,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let path = global.out.as_deref().ok_or_else(|| {
         Error::option("--out", "is missing", "name the file to write, ending in .svg or .pdf")
     })?;
-    let extension = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
-    match extension.as_str() {
-        "svg" => global.write(path, svg(&page).as_bytes())?,
-        "pdf" => global.write(path, &pdf(&page))?,
-        _ => {
-            return Err(Error::option(
-                "--out",
-                format!("'{}' is neither .svg nor .pdf", path.display()),
-                "name the file accordingly",
-            ));
-        }
+    if ends_in(path, &["svg"]) {
+        global.write(path, svg(&page).as_bytes())?;
+    } else if ends_in(path, &["pdf"]) {
+        global.write(path, &pdf(&page))?;
+    } else {
+        return Err(Error::option(
+            "--out",
+            format!("'{}' is neither .svg nor .pdf", path.display()),
+            "name the file accordingly",
+        ));
     }
     let (w, h) = (page.size_mm.x, page.size_mm.y);
     let output = Output {
