@@ -117,7 +117,7 @@ mod tests {
             degrees.iter().map(|d| (1e4 * d.to_radians()).round() / 1e4).collect();
         assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
         for right in
-            [degrees, vec![0.0; 4], vec![-6.0, -3.0, 3.0, 6.0], vec![-0.002, 0.001, 3.1416]]
+            [degrees, vec![0.0; 4], vec![-6.0, -3.0, 3.0, 6.0], vec![-0.002, 0.001, 2.3562]]
         {
             assert_eq!(angles("b_deg", &right), None);
         }

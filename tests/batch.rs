@@ -238,6 +238,29 @@ fn overlays_are_drawn_on_request_and_are_there_whenever_their_row_is() {
 }
 
 #[test]
+fn pictures_of_several_sizes_under_one_scale_are_told() {
+    let dir = workshop(2);
+    let dir = dir.path();
+    let small = image::open(dir.join("in/p0000.png")).unwrap();
+    let wider = image::imageops::resize(
+        &small,
+        small.width() + 8,
+        small.height(),
+        image::imageops::FilterType::Nearest,
+    );
+    let output = |out: &str| {
+        let mut command = pivotsight();
+        command.current_dir(dir).args(["batch", "in", "--job", "job.toml", "--out", out]);
+        String::from_utf8(command.output().unwrap().stderr).unwrap()
+    };
+    let alike = output("alike");
+    assert!(!alike.contains("mm_per_px"), "{alike}");
+    wider.save(dir.join("in/wider.png")).unwrap();
+    let mixed = output("mixed");
+    assert!(mixed.contains("warning: ") && mixed.contains("one mm_per_px holds"), "{mixed}");
+}
+
+#[test]
 fn a_rod_job_measures_tables_of_captures() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

@@ -166,6 +166,11 @@ fn a_pose_reached_from_the_other_side_is_a_repeat() {
     let report = diagnose("rtcp", folder);
     assert_eq!(report["verdict"], "unknown", "{}", report["noise_source"]);
     assert!(report["effects"].as_array().unwrap().is_empty(), "{}", report["effects"]);
+    // All of it is noise to whoever says that the noise is larger.
+    let loud = ["diagnose", "rtcp", "--model", "machine.toml", "--data", "data.csv"];
+    let output = run(&[&loud[..], &["--noise-mm", "2"]].concat(), folder);
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(said.contains("consistent") && said.contains("is not told"), "{said}");
 }
 
 /// A zero of B that was set in one direction is right in it, and wrong by all of the backlash in the other: one cause, one name.

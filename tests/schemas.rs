@@ -37,7 +37,7 @@ fn has(result: &Value, pointers: &[&str]) {
     }
 }
 
-const BURN: [&str; 20] = [
+const BURN: [&str; 21] = [
     "/image",
     "/ring/center_mm/1",
     "/ring/center_px/1",
@@ -57,6 +57,7 @@ const BURN: [&str; 20] = [
     "/correction/b_deg",
     "/correction/shim_deg",
     "/correction/shim_mm",
+    "/correction/shim_u95_mm",
     "/warnings",
 ];
 

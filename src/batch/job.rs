@@ -1,6 +1,8 @@
 //! The job file: which measurement, which calibration, which limits.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
@@ -13,7 +15,7 @@ use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::Picture;
 use crate::measure::{burn, circles, rod};
-use crate::{draw, hash, input, tomlfile};
+use crate::{draw, hash, input, tomlfile, units};
 
 /// A job as its file states it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -53,6 +55,8 @@ pub struct Prepared<'j> {
     job: &'j Job,
     calibration: Calibration,
     calib_sha256: String,
+    /// A picture of each size, where one scale is taken for all.
+    sizes: Mutex<BTreeMap<(usize, usize), String>>,
 }
 
 impl Job {
@@ -129,6 +133,7 @@ impl Job {
             job: self,
             calibration: Calibration::read(&path)?,
             calib_sha256: hash::of_file(&path)?,
+            sizes: Mutex::default(),
         })
     }
 }
@@ -181,6 +186,23 @@ impl Prepared<'_> {
         &self.calib_sha256
     }
 
+    /// What is doubtful about the calibration for the pictures seen so far.
+    pub fn doubts(&self) -> Vec<String> {
+        let sizes = self.sizes.lock().unwrap_or_else(PoisonError::into_inner);
+        let mixed = units::sizes(sizes.iter().map(|(size, name)| (name.as_str(), *size)));
+        self.calibration.doubt().into_iter().chain(mixed).collect()
+    }
+
+    /// Reads a picture, and remembers its size where the calibration does not know it.
+    fn picture(&self, item: &Item, bytes: &[u8]) -> Result<Picture> {
+        let picture = Picture::decode(&item.path, bytes)?;
+        if item.calib.is_none() && self.calibration.lens_size().is_none() {
+            let mut sizes = self.sizes.lock().unwrap_or_else(PoisonError::into_inner);
+            sizes.entry(picture.size()).or_insert_with(|| item.name.clone());
+        }
+        Ok(picture)
+    }
+
     /// Measures one item and judges it.
     pub fn measure(&self, item: &Item) -> Measured {
         let bytes = match input::bytes(&item.path, input::MOST_PICTURE) {
@@ -204,7 +226,7 @@ impl Prepared<'_> {
         let mut overlays = Vec::new();
         let report = match &self.job.measure {
             Method::Burn(options) => {
-                let picture = Picture::decode(&item.path, bytes)?;
+                let picture = self.picture(item, bytes)?;
                 let measured = burn::measure(&picture, calibration, options, name)?;
                 if wanted {
                     let png = draw::burn(&picture, calibration, &measured, name)?;
@@ -213,7 +235,7 @@ impl Prepared<'_> {
                 serde_json::to_value(measured.report)
             }
             Method::Circles(options) => {
-                let picture = Picture::decode(&item.path, bytes)?;
+                let picture = self.picture(item, bytes)?;
                 let measured = circles::measure(&picture, calibration, options, name)?;
                 if wanted {
                     let png = draw::circles(&picture, calibration, &measured, name)?;

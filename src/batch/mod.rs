@@ -106,7 +106,10 @@ pub fn run(
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
     });
-    run_with(options, job.kind(), &identity, &|item| prepared.measure(item), progress, say)
+    let measure = |item: &Item| prepared.measure(item);
+    let summary = run_with(options, job.kind(), &identity, &measure, progress, say)?;
+    prepared.doubts().into_iter().for_each(|doubt| say(format!("warning: {doubt}")));
+    Ok(summary)
 }
 
 fn run_with(

@@ -211,7 +211,9 @@ fn lines(r: &Offset) -> String {
         text(c.b_deg, c.b_u95_deg),
         swing(c.b_deg, c.b_u95_deg, "-X", "+X")
     );
-    let shims = c.shim_mm.map_or(String::new(), |mm| format!(", shims of {:.4} mm", mm.abs()));
+    let shims = c.shim_mm.zip(c.shim_u95_mm);
+    let shims =
+        shims.map_or(String::new(), |(mm, u95)| format!(", shims of {} mm", text(mm.abs(), u95)));
     let _ = writeln!(
         t,
         "  {:<11}{}° about X: {}{shims}",

@@ -92,6 +92,10 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     let mut ln_p: Option<f64> = None;
     let mut tests = 0.0;
     if let Some((chi2, dof)) = against_given(fitter, f, &white) {
+        if is_quieter(chi2, dof) {
+            // Repeats may tell what is smaller than the noise given, which the user calls noise.
+            return Some(1.0);
+        }
         tests += 1.0;
         ln_p = Some(ln_chi2_tail(chi2, dof));
     }
@@ -113,6 +117,11 @@ fn against_given(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Option<(f
     let dof = fitter.space.observations() as f64 - top as f64 - f.rank as f64;
     (fitter.given_mm.is_some() && dof >= 1.0)
         .then(|| (white.rows(top, f.residual.len()).norm_squared(), dof))
+}
+
+/// Whether the values scatter by less than the noise that was given: as rarely by chance as a lack of fit is so large.
+fn is_quieter(chi2: f64, dof: f64) -> bool {
+    -ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P
 }
 
 /// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
@@ -266,8 +275,7 @@ fn noise_source(fitter: &Fitter, layout: &Layout, f: &Fitted) -> String {
     let repeats: usize = seen.iter().map(|c| c.saturating_sub(1)).sum();
     let source = match (fitter.given_mm, repeats) {
         (Some(given_mm), _) => match against_given(fitter, f, &whitened(fitter, f)) {
-            // As rarely so small by chance as a lack of fit is so large.
-            Some((chi2, dof)) if -ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P => format!(
+            Some((chi2, dof)) if is_quieter(chi2, dof) => format!(
                 "given, but the values scatter by {:.2} µm only: what is smaller than the noise given is not told",
                 1e3 * given_mm * (chi2 / dof).sqrt()
             ),

@@ -64,6 +64,7 @@ impl Channel {
 pub struct Picture {
     pixels: Pixels,
     colour: bool,
+    more_pages: bool,
 }
 
 /// Pixels as they were stored: gray ones are measured where they are.
@@ -150,12 +151,19 @@ impl Picture {
             }
             other => Pixels::Other(other),
         };
-        Ok(Self { pixels, colour })
+        Ok(Self { pixels, colour, more_pages: has_more_pages(bytes) })
     }
 
     /// Whether the channels differ anywhere.
     pub fn is_colour(&self) -> bool {
         self.colour
+    }
+
+    /// What a user should know of the file.
+    pub fn doubt(&self) -> Option<&'static str> {
+        self.more_pages.then_some(
+            "the file has more than one page: its first is measured; save each as a file of its own",
+        )
     }
 
     /// Pixels a row and rows.
@@ -225,6 +233,25 @@ impl Picture {
         };
         Frame::Eight(Gray { width, height, data })
     }
+}
+
+/// Whether a TIFF's first directory names another one.
+fn has_more_pages(bytes: &[u8]) -> bool {
+    let little = match bytes {
+        [b'I', b'I', 42, 0, ..] => true,
+        [b'M', b'M', 0, 42, ..] => false,
+        _ => return false,
+    };
+    let number = |at: usize, size: usize| -> Option<usize> {
+        let digits = bytes.get(at..at.checked_add(size)?)?.iter();
+        let join = |n: usize, digit: &u8| n << 8 | usize::from(*digit);
+        Some(if little { digits.rev().fold(0, join) } else { digits.fold(0, join) })
+    };
+    let next = number(4, 4).and_then(|directory| {
+        let entries = number(directory, 2)?;
+        number(directory + 2 + 12 * entries, 4)
+    });
+    next.is_some_and(|next| next != 0)
 }
 
 fn deep(image: &DynamicImage) -> bool {
@@ -321,6 +348,17 @@ mod tests {
         assert!(picture.is_colour());
         let Frame::Eight(red) = &*picture.frame(Channel::Red) else { panic!() };
         assert_eq!(red.row(3)[5], 5);
+    }
+
+    #[test]
+    fn further_pages_are_told() {
+        let gray = DynamicImage::ImageLuma8(image::GrayImage::from_pixel(20, 17, image::Luma([9])));
+        let mut tiff = encoded(&gray, image::ImageFormat::Tiff);
+        assert_eq!(Picture::decode("p.tif", &tiff).unwrap().doubt(), None);
+        let at = u32::from_le_bytes(tiff[4..8].try_into().unwrap()) as usize;
+        let entries = usize::from(u16::from_le_bytes(tiff[at..at + 2].try_into().unwrap()));
+        tiff[at + 2 + 12 * entries] = 8;
+        assert!(Picture::decode("p.tif", &tiff).unwrap().doubt().unwrap().contains("first"));
     }
 
     #[test]

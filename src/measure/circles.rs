@@ -90,7 +90,10 @@ pub fn measure(
         let each = m.report.circles.iter().map(|c| c.circle.center_u95_mm);
         each.map(|u| u[0].hypot(u[1])).fold(0.0, f64::max)
     };
-    best_channel(picture, options.channel, subject, attempt, |_, _| false, spread)
+    let mut measured =
+        best_channel(picture, options.channel, subject, attempt, |_, _| false, spread)?;
+    measured.report.warnings.extend(picture.doubt().map(str::to_owned));
+    Ok(measured)
 }
 
 /// Refuses options that cannot be meant.

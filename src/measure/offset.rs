@@ -25,6 +25,8 @@ pub struct Correction {
     pub shim_u95_deg: f64,
     /// Thickness of shims over the flange's length; null where that length is not given.
     pub shim_mm: Option<f64>,
+    /// Half-width of its 95 % interval.
+    pub shim_u95_mm: Option<f64>,
 }
 
 impl Correction {
@@ -187,6 +189,7 @@ fn correction(offset: Vector2<f64>, u95: [f64; 2], options: &Options) -> Correct
         shim_deg: shim.to_degrees(),
         shim_u95_deg: u95[1] * slope(offset.y),
         shim_mm: options.flange_mm.map(|l| l * shim.tan()),
+        shim_u95_mm: options.flange_mm.map(|l| l * u95[1] / height),
     }
 }
 

@@ -67,6 +67,22 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
             ));
         }
     }
+    if let Some(b) =
+        table.optional_column("b_deg")?.map(|column| column[0]).filter(|b| b.abs() > 0.01)
+    {
+        warnings.push(format!(
+            "{}: b_deg is {b} in all captures: a calibration holds for the head upright, with B at zero",
+            path.display()
+        ));
+    }
+    for name in ["dir_x", "dir_y"] {
+        let column = table.optional_column(name)?.unwrap_or_default();
+        if let Some(row) = column.iter().position(|d| d.abs() > 1.0) {
+            let reason = format!("is {}, no direction", column[row]);
+            let fix = "write 1 where the axis came up to its place, -1 where it came down, 0 where it did not move";
+            return Err(table.error(row, name, reason, fix));
+        }
+    }
     warnings.extend(units::angles("c_deg", &table.optional_column("c_deg")?.unwrap_or_default()));
     repeats::pictures_once(&table, warnings)?
         .into_iter()

@@ -60,18 +60,22 @@ pub fn measure(
 ) -> Result<Measured> {
     check(options)?;
     use rayon::prelude::*;
-    let frames: Vec<(Frame, View)> = captures
+    let read: Vec<((Frame, View), Option<&str>)> = captures
         .par_iter()
         .map(|c| {
             let picture = Picture::read(&c.path)?;
             let (w, h) = picture.size();
             let view = calibration.view_of(&c.image, w, h)?;
-            Ok((calibration.linear(picture.into_frame(options.channel)), view))
+            let doubt = picture.doubt();
+            Ok(((calibration.linear(picture.into_frame(options.channel)), view), doubt))
         })
         .collect::<Result<Vec<_>>>()?;
+    let (frames, doubts): (Vec<_>, Vec<_>) = read.into_iter().unzip();
     let mut measured = measure_frames(captures, &frames, options)?;
     let sizes = frames.iter().map(|(frame, _)| (frame.width(), frame.height()));
     let sizes = captures.iter().map(|c| c.image.as_str()).zip(sizes);
+    let doubts = captures.iter().zip(doubts).filter_map(|(c, doubt)| Some((&c.image, doubt?)));
+    measured.report.warnings.extend(doubts.map(|(image, doubt)| format!("{image}: {doubt}")));
     measured.report.warnings.extend(calibration.doubt());
     measured.report.warnings.extend(units::sizes(sizes));
     if let Some(laser) = &calibration.laser {
