@@ -71,6 +71,11 @@ impl Table {
         }
         let mut index = HashMap::new();
         for (i, name) in names.iter().enumerate() {
+            if name.is_empty() {
+                let reason = format!("its column {} has no name", i + 1);
+                let fix = "name it; one that begins with x_ is ignored";
+                return Err(Error::field(path, header_line, "header", reason, fix));
+            }
             let known = required.iter().chain(optional).any(|k| matches(k, name));
             if !known && !name.starts_with("x_") && !name.starts_with("x-") {
                 // Another unit is no slip of the pen: renaming the column would not turn its numbers.
@@ -321,6 +326,7 @@ mod tests {
             ("a_mm;b\n1,0;2\n", "t.csv:1: header: its columns are separated by ';'"),
             ("a_mm\tb\n1\t2\n", "separated by '\\t'"),
             ("a_mm,a_mm\n1,2\n", "stands twice"),
+            ("a_mm,,b\n1,2,3\n", "t.csv:1: header: its column 2 has no name"),
             ("a_mm,b\n1,2\n1\n", "t.csv:3: row: has 1 fields"),
             ("a_mm,b\n1,2,,7\n", "t.csv:2: row: has 4 fields"),
             ("# from\r\n\r\nb\r\n1\r\n", "t.csv:3: column 'a_mm': is missing"),

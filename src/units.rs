@@ -5,8 +5,6 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-use crate::diagnose::generic::range;
-
 /// Heights of burns, mm: in metres or micrometres the method's 1 to 50 mm lie outside.
 const HEIGHTS_MM: RangeInclusive<f64> = 0.1..=1000.0;
 /// Distances from a rotary axis to the tool point, mm.
@@ -20,8 +18,7 @@ const MOST_RADIANS: f64 = TAU + 0.02;
 
 /// An angle column that moves over a machine's range: says so where the numbers look like radians.
 pub fn swept_angles(name: &str, values: &[f64]) -> Option<String> {
-    let (low, high) = range(values);
-    let largest = low.abs().max(high.abs());
+    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
     let whole = values.iter().all(|v| (v * 4.0 - (v * 4.0).round()).abs() < 1e-9);
     (largest > 0.0 && largest < 6.5 && !whole).then(|| {
         format!(
