@@ -28,7 +28,7 @@ pub(crate) use contour::wrap;
 pub use hidden::{Side, hide};
 pub use locate::{EdgePoint, Located, Options as LocateOptions, locate};
 pub use scan::{Band, Profiles, scan};
-pub use shading::flatten;
+pub use shading::{Light, Slope, flatten};
 pub use template::Template;
 pub(crate) use template::lens_share;
 pub use together::{Together, together};

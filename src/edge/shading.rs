@@ -1,17 +1,18 @@
 //! Takes the light's slope out of a band: across a soft edge it would shift the edge towards the darker side.
 //!
 //! A linear shading multiplies everything by 1 + g·d. The levels well inside and well outside the edge, each on its own,
-//! tell g: two means and one slope are fitted to their logarithms. What is left over moves an edge of softness σ
-//! by about 2.5 g σ² level / contrast.
+//! tell g: two means and one slope are fitted to their logarithms. Of a closed contour that is enough. An arc bends too little
+//! to show well how light goes on across it, and a chamfer lit from one side looks like light that does: what each side of it tells is kept
+//! apart, for whoever sees several arcs in the same light.
 
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 use crate::edge::{Contour, Profiles};
 use crate::fit::circle::tukey;
 use crate::fit::robust::scatter;
 
 /// A slope under this many of its own standard deviations is not taken out.
-const SURE: f64 = 4.0;
+pub(crate) const SURE: f64 = 4.0;
 
 /// Scatter of the logarithms of neighbouring sectors' levels below which one side is trusted no more than the other.
 const EVEN: f64 = 0.005;
@@ -23,21 +24,67 @@ struct Level {
     sd: f64,
 }
 
-/// Divides the slope out of the profiles of a closed contour, if there is one.
-pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
-    if !contour.closed {
-        return;
+impl Level {
+    fn is_inside(&self) -> bool {
+        self.row[0] > 0.0
     }
-    let mut levels = levels(profiles, contour, 2.5 * softness_px);
-    for inside in [true, false] {
-        learn_scatter(&mut levels, inside);
+}
+
+/// The light's slope, a part of itself per pixel.
+#[derive(Debug, Clone, Copy)]
+pub struct Slope {
+    /// In the picture's u and v.
+    pub per_px: Vector2<f64>,
+    /// Its covariance.
+    pub covariance: Matrix2<f64>,
+}
+
+impl Slope {
+    /// Whether there is one beyond chance.
+    pub fn is_sure(&self) -> bool {
+        self.per_px.norm_squared() > SURE * SURE * 0.5 * self.covariance.trace()
     }
-    let Some(slope) = slope(&levels) else { return };
+}
+
+/// What the levels beside a contour tell of the light.
+pub struct Light {
+    levels: Vec<Level>,
+}
+
+impl Light {
+    /// Reads the levels inside and outside the edge.
+    pub fn of(profiles: &Profiles, contour: &Contour, softness_px: f64) -> Self {
+        let mut levels = levels(profiles, contour, 2.5 * softness_px);
+        for inside in [true, false] {
+            learn_scatter(&mut levels, inside);
+        }
+        Self { levels }
+    }
+
+    /// The slope that both sides have.
+    pub fn slope(&self) -> Option<Slope> {
+        slope(&self.levels.iter().collect::<Vec<_>>(), 24)
+    }
+
+    /// The slope as the inside tells it, and the outside.
+    pub fn by_side(&self) -> [Option<Slope>; 2] {
+        [true, false].map(|inside| {
+            let side: Vec<&Level> =
+                self.levels.iter().filter(|l| l.is_inside() == inside).collect();
+            slope(&side, 12)
+        })
+    }
+}
+
+/// Divides a slope out of the profiles: the light is as it is in the contour's middle.
+pub fn flatten(profiles: &mut Profiles, contour: &Contour, slope_per_px: Vector2<f64>) {
+    let places = profiles.angle_rad.iter().map(|angle| contour.point(*angle, 0.0));
+    let middle = places.sum::<Vector2<f64>>() / profiles.sectors().max(1) as f64;
     for s in 0..profiles.sectors() {
         for i in profiles.range(s) {
             if profiles.count[i] > 0.0 {
                 let at = contour.point(profiles.angle_rad[s], f64::from(profiles.distance_px[i]));
-                let light = 1.0 + slope.dot(&(at - contour.origin_px));
+                let light = 1.0 + slope_per_px.dot(&(at - middle));
                 profiles.value[i] /= light.max(0.2) as f32;
             }
         }
@@ -46,7 +93,7 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, softness_px: f64) {
 
 /// How much one side's levels scatter from sector to sector: near black their logarithms are mostly noise.
 fn learn_scatter(levels: &mut [Level], inside: bool) {
-    let of_side = |l: &Level| (l.row[0] > 0.0) == inside;
+    let of_side = |l: &Level| l.is_inside() == inside;
     let logs: Vec<f64> = levels.iter().filter(|l| of_side(l)).map(|l| l.log).collect();
     let mut steps: Vec<f64> = logs.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
     if steps.is_empty() {
@@ -83,9 +130,9 @@ fn levels(profiles: &Profiles, contour: &Contour, clear_px: f64) -> Vec<Level> {
     list
 }
 
-/// The slope per pixel, where it is sure.
-fn slope(levels: &[Level]) -> Option<Vector2<f64>> {
-    if levels.len() < 24 {
+/// The slope of these levels, if they are so many.
+fn slope(levels: &[&Level], least: usize) -> Option<Slope> {
+    if levels.len() < least {
         return None;
     }
     let mut weights = vec![1.0; levels.len()];
@@ -111,8 +158,8 @@ fn slope(levels: &[Level]) -> Option<Vector2<f64>> {
         weights = levels.iter().map(|l| tukey(residual(l) / sd)).collect();
         result = Some((Vector2::new(fitted[2], fitted[3]), inverse, sd));
     }
-    let (slope, inverse, sd) = result?;
+    let (per_px, inverse, sd) = result?;
     // Neighbouring sectors share their texture: about as many independent levels as a quarter of them.
-    let unsure = 2.0 * sd * (inverse[(2, 2)] + inverse[(3, 3)]).sqrt();
-    (slope.norm() > SURE * unsure / std::f64::consts::SQRT_2).then_some(slope)
+    let covariance = inverse.fixed_view::<2, 2>(2, 2) * (2.0 * sd).powi(2);
+    Some(Slope { per_px, covariance })
 }

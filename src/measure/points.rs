@@ -3,7 +3,9 @@
 use nalgebra::Vector2;
 
 use crate::camera::View;
-use crate::edge::{Band, Contour, LocateOptions, Located, Profiles, flatten, hide, locate, scan};
+use crate::edge::{
+    Band, Contour, Light, LocateOptions, Located, Profiles, Slope, flatten, hide, locate, scan,
+};
 use crate::fit::Circle;
 use crate::frame::Frame;
 
@@ -73,6 +75,8 @@ pub struct Points {
     pub clipped_outside: bool,
     /// Whether the edge was told from its flank alone, as a clip hides the rest.
     pub of_flank: bool,
+    /// The light's slope as the levels inside the edge tell it, and those outside.
+    pub light: [Option<Slope>; 2],
 }
 
 impl Points {
@@ -144,13 +148,15 @@ fn located(mut profiles: Profiles, contour: &Contour, effort: Effort) -> Option<
     }
 }
 
-/// The edge points about a rough circle. `None` where no edge can be located there.
+/// The edge points about a rough circle. `None` where no edge can be located there. `light` is the light's slope, where it is known (0 for
+/// none): a closed contour tells it by itself.
 pub(super) fn edge_points(
     frame: &Frame,
     view: &View,
     rough: Circle,
     search: Search,
     effort: Effort,
+    light: Option<Vector2<f64>>,
 ) -> Option<Points> {
     let contour = Contour::of_circle(view, rough.center, rough.radius)?;
     let softness = search.softness_px.max(0.6);
@@ -168,12 +174,16 @@ pub(super) fn edge_points(
     let flanks = if softness < SHARP_PX { hide(&profiles) } else { None };
     let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort));
     let of_flank = of_flanks.is_some();
-    let edges = match of_flanks {
-        Some(edges) => edges,
+    let (edges, sides) = match of_flanks {
+        Some(edges) => (edges, [None; 2]),
         None => {
             profiles.mask_glare();
-            flatten(&mut profiles, &contour, softness);
-            located(profiles, &contour, effort)?
+            let seen = Light::of(&profiles, &contour, softness);
+            let own = || seen.slope().filter(|slope| contour.closed && slope.is_sure());
+            if let Some(per_px) = light.or_else(|| own().map(|slope| slope.per_px)) {
+                flatten(&mut profiles, &contour, per_px);
+            }
+            (located(profiles, &contour, effort)?, seen.by_side())
         }
     };
     let mut points = Points {
@@ -189,6 +199,7 @@ pub(super) fn edge_points(
         clipped_inside: clip.is_some_and(|c| edges.step.inner > 0.97 * f64::from(c)),
         clipped_outside: clip.is_some_and(|c| edges.step.outer > 0.97 * f64::from(c)),
         of_flank,
+        light: sides,
         located: edges,
     };
     for e in &points.located.points {

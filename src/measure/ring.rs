@@ -154,7 +154,7 @@ pub fn measure(
             (true, false) => CLOSE,
             (false, _) => GLANCE,
         };
-        let points = edge_points(frame, view, guess, search, effort)?;
+        let points = edge_points(frame, view, guess, search, effort, None)?;
         let weights = robust_weights(&points);
         let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
         let fitted = circle::robust(&points.place_mm, &weights, Some(guess), 0.02 * pixel)?;

@@ -117,3 +117,22 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
             Ok(captures)
         })
 }
+
+/// The different table angles, and which one each capture has.
+pub(super) fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
+    let mut angles: Vec<f64> = Vec::new();
+    let index = captures
+        .iter()
+        .map(|c| {
+            let same = |a: &f64| {
+                let turn = (a - c.c_deg).rem_euclid(360.0);
+                turn.min(360.0 - turn) < 1e-6
+            };
+            angles.iter().position(same).unwrap_or_else(|| {
+                angles.push(c.c_deg);
+                angles.len() - 1
+            })
+        })
+        .collect();
+    (angles, index)
+}

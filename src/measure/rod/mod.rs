@@ -5,6 +5,7 @@ mod attempts;
 mod budget;
 mod captures;
 mod joint;
+mod light;
 mod outer;
 mod points;
 mod report;
@@ -26,6 +27,7 @@ use crate::uncertainty::{K95, k95};
 use crate::units;
 use attempts::Attempts;
 use joint::{Arc, Axis, Joint};
+use light::{Light, Shift};
 use outer::Found;
 
 /// One edge point, for `diagnose rod` and for overlays.
@@ -131,11 +133,11 @@ pub fn measure_frames(
             "check the pictures, the machine positions (x_mm, y_mm) and the calibration's signs",
         )
     };
-    let (c_deg, angle_of) = table_angles(captures);
+    let (c_deg, angle_of) = captures::table_angles(captures);
     let attempts = Attempts::new(captures, &angle_of, frames, options.diameter_mm);
     let measure_at = |found: &Found| -> Result<Measured> {
-        let (arcs, fitted) = follow(captures, frames, found, &angle_of)?;
-        let mut measured = finish(captures, options, &c_deg, &angle_of, &arcs, &fitted)?;
+        let (arcs, fitted, shift) = follow(captures, frames, found, &angle_of)?;
+        let mut measured = finish(captures, options, &c_deg, &angle_of, &arcs, &fitted, shift)?;
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
@@ -163,13 +165,13 @@ pub fn measure_frames(
     best
 }
 
-/// Follows a rim through all captures: edge points and the joint circle in turn.
+/// Follows a rim through all captures: edge points and the joint circle in turn, and how far the light moves it.
 fn follow(
     captures: &[Capture],
     frames: &[(Frame, View)],
     rim: &Found,
     angle_of: &[usize],
-) -> Result<(Vec<Arc>, Joint)> {
+) -> Result<(Vec<Arc>, Joint, Option<Shift>)> {
     use rayon::prelude::*;
     let mut guess = Joint {
         centers: rim.centers.clone(),
@@ -179,7 +181,11 @@ fn follow(
     };
     let mut softness = vec![2.0; captures.len()];
     let mut arcs: Vec<Arc> = Vec::new();
+    let mut light: Option<Light> = None;
+    let mut seen = None;
     for (reach_px, effort) in [(12.0, GLANCE), (4.0, GLANCE), (1.0, CLOSE)] {
+        light = seen;
+        let slope = light.map(|light| light.divided_per_px());
         arcs = frames
             .par_iter()
             .enumerate()
@@ -196,7 +202,7 @@ fn follow(
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
                 };
-                let mut points = edge_points(frame, view, rough, search, effort)?;
+                let mut points = edge_points(frame, view, rough, search, effort, slope)?;
                 points.move_to_rim(rough.center);
                 Some(Arc { points, position_mm, angle: angle_of[i], capture: i })
             })
@@ -204,6 +210,7 @@ fn follow(
         for arc in &arcs {
             softness[arc.capture] = arc.points.located.step.softness_px.clamp(0.6, 20.0);
         }
+        seen = Light::of(&arcs, &frames[0].1);
         if let Some(a) = (0..rim.centers.len()).find(|a| arcs.iter().all(|arc| arc.angle != *a)) {
             let first = angle_of.iter().position(|angle| *angle == a).unwrap_or(0);
             return Err(Error::measure(
@@ -220,26 +227,8 @@ fn follow(
             )
         })?;
     }
-    Ok((arcs, guess))
-}
-
-/// The different table angles, and which one each capture has.
-fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
-    let mut angles: Vec<f64> = Vec::new();
-    let index = captures
-        .iter()
-        .map(|c| {
-            let same = |a: &f64| {
-                let turn = (a - c.c_deg).rem_euclid(360.0);
-                turn.min(360.0 - turn) < 1e-6
-            };
-            angles.iter().position(same).unwrap_or_else(|| {
-                angles.push(c.c_deg);
-                angles.len() - 1
-            })
-        })
-        .collect();
-    (angles, index)
+    let shift = light.map(|light| light.shift(&arcs, &frames[0].1));
+    Ok((arcs, guess, shift))
 }
 
 fn finish(
@@ -249,6 +238,7 @@ fn finish(
     angle_of: &[usize],
     arcs: &[Arc],
     robust: &Joint,
+    shift: Option<Shift>,
 ) -> Result<Measured> {
     let angles = c_deg.len();
     let refined = joint::refine(arcs, angles, robust).ok_or_else(|| {
@@ -263,6 +253,11 @@ fn finish(
     let mut beta = fit.beta.clone();
     let mut covariance = fit.covariance.clone();
     let last = 2 * angles;
+    let shift = shift.unwrap_or_default();
+    for (a, b) in (0..angles).flat_map(|a| (0..angles).map(move |b| (a, b))) {
+        let mut part = covariance.fixed_view_mut::<2, 2>(2 * a, 2 * b);
+        part += shift.covariance;
+    }
     // Every table angle shows the same rim: its form does not average out over them.
     covariance[(last, last)] *= angles as f64;
     covariance[(last, last)] += mean(arcs, |p| p.located.step.rim_sd_px * p.pixel_mm).powi(2);
@@ -287,7 +282,7 @@ fn finish(
     }
     let factor = k95(fit.dof);
     let centers: Vec<Vector2<f64>> = (0..angles)
-        .map(|a| robust.centers[a] + Vector2::new(beta[2 * a], beta[2 * a + 1]))
+        .map(|a| robust.centers[a] + Vector2::new(beta[2 * a], beta[2 * a + 1]) + shift.mm)
         .collect();
     let center_covariance: DMatrix<f64> = covariance.view((0, 0), (last, last)).into_owned();
     let u = |i: usize| factor * covariance[(i, i)].max(0.0).sqrt();
@@ -330,6 +325,7 @@ fn finish(
             .as_ref()
             .map_or_else(|| DMatrix::identity(2, 2 * angles), |(axis, _)| axis.gain.clone()),
         nominal,
+        light_mm: (0.5 * shift.covariance.trace()).sqrt(),
     };
     let budget = sources.budget(axis_u95, 2.0 * u(last));
     let circles =
