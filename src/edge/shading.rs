@@ -12,7 +12,7 @@ use crate::fit::circle::tukey;
 use crate::fit::robust::scatter;
 
 /// A slope under this many of its own standard deviations is not taken out.
-pub(crate) const SURE: f64 = 4.0;
+const SURE: f64 = 4.0;
 
 /// Scatter of the logarithms of neighbouring sectors' levels below which one side is trusted no more than the other.
 const EVEN: f64 = 0.005;
