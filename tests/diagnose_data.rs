@@ -309,3 +309,40 @@ fn stopped_sensors_and_pairs_have_their_names() {
     let names: Vec<_> = pair["effects"].as_array().into_iter().flatten().collect();
     assert!(names.len() == 2 && names.iter().any(|e| e["name"] == "position-quadratic"));
 }
+
+/// A beam that leans and a nozzle beside it, 45 burns: `hidden` of the height, mm.
+fn burns(folder: &Path, hidden: impl Fn(f64) -> [f64; 2]) -> (Value, Vec<String>) {
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    let mut csv = String::from("height_mm,power_w,b_deg,dx_mm,dy_mm\n");
+    for k in 0..45 {
+        let i = k * 7 % 45;
+        let (height, b) = ([20.0, 35.0, 47.0][i % 3], 45.0 * (i / 3 % 5) as f64 - 90.0);
+        let [dx, dy] = hidden(height).map(|v| v + 0.004 * normal());
+        writeln!(csv, "{height},{},{b},{dx:.6},{dy:.6}", 100 + 50 * (i / 15)).unwrap();
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = diagnose("burn", folder);
+    let effects = report["effects"].as_array().into_iter().flatten();
+    let mut names: Vec<String> =
+        effects.filter_map(|e| e["name"].as_str().map(String::from)).collect();
+    names.sort_unstable();
+    (report, names)
+}
+
+/// In one output the two are a line over the height, whatever the other output's noise; in an output each the larger one must not
+/// make the other small.
+#[test]
+fn a_tilt_beside_an_offset_is_two_names() {
+    let folder = tempfile::tempdir().unwrap();
+    for beside in [-0.0014, 0.0, 0.0012] {
+        let (report, names) = burns(folder.path(), |h| [0.018 - 0.0006 * h, beside]);
+        assert_eq!(report["verdict"], "named", "{beside}: {}", report["unnamed"]);
+        assert_eq!(names, ["beam-tilt-x", "nozzle-offset"], "{beside}");
+    }
+    for offset in [0.04, 0.1] {
+        let (report, names) = burns(folder.path(), |h| [offset, -0.0015 * h]);
+        assert_eq!(report["verdict"], "named", "{offset}: {}", report["unnamed"]);
+        assert_eq!(names, ["beam-tilt-y", "nozzle-offset"], "{offset}");
+    }
+}

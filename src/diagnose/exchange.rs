@@ -1,7 +1,7 @@
 //! Second thoughts of the selection: parts that others could stand in for, one by one and two by two.
 
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
-use crate::diagnose::pairs::best_pair;
+use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::score::{Score, Standing};
@@ -100,7 +100,7 @@ impl Selection {
                 (true, false) => own - LEAST_GAIN,
                 (false, _) => own + LEAST_GAIN,
             };
-            if let Some((s, pair)) = best_pair(fitter, f, &standing, &self.library, &free) {
+            for (s, pair) in best_pairs(fitter, f, &standing, &self.library, &free, &is_it) {
                 // That a single name stays, beside a second one, is for the next addition to say.
                 let one = match gone {
                     [Part::Effect(i)] => Some(f.model.active[*i].effect),

@@ -5,14 +5,15 @@ use crate::diagnose::pool::{Pool, Who};
 use crate::diagnose::score::{Score, Standing};
 
 /// The pair of different library effects with the most evidence together, every effect that `allowed` admits in each of its
-/// forms: their score together and the two candidates.
-pub fn best_pair(
+/// forms, and the one with the most of those that `is_it` of itself: their scores together and the two candidates.
+pub fn best_pairs(
     fitter: &Fitter,
     fitted: &Fitted,
     standing: &Standing,
     library: &Pool,
     allowed: &dyn Fn(usize) -> bool,
-) -> Option<(Score, [Who; 2])> {
+    is_it: &dyn Fn(&Score) -> bool,
+) -> Vec<(Score, [Who; 2])> {
     let scores = standing.scores(fitter, fitted, library);
     // One grid point of each form: where it does best alone.
     let mut forms: Vec<((usize, usize), usize, f64)> = Vec::new();
@@ -32,8 +33,13 @@ pub fn best_pair(
         .enumerate()
         .flat_map(|(i, a)| forms[i + 1..].iter().filter(|b| b.0.0 != a.0.0).map(|b| (a.1, b.1)));
     let scored = standing.pair_scores(fitter, fitted, library, pairs);
-    let (score, second) =
-        scored.into_iter().max_by(|a, b| a.0.evidence.total_cmp(&b.0.evidence))?;
-    let pair = [score.candidate, second].map(|k| library.candidates[k].who.clone());
-    Some((score, pair))
+    let best = |of: &dyn Fn(&Score) -> bool| {
+        let those = scored.iter().filter(|(s, _)| of(s));
+        those.max_by(|a, b| a.0.evidence.total_cmp(&b.0.evidence))
+    };
+    let named = |(score, second): &(Score, usize)| {
+        let pair = [score.candidate, *second].map(|k| library.candidates[k].who.clone());
+        (score.clone(), pair)
+    };
+    [best(&|_| true), best(is_it)].into_iter().flatten().map(named).collect()
 }

@@ -16,6 +16,8 @@ pub struct Score {
     pub candidate: usize,
     /// Drop of χ² in units of the current noise.
     pub chi2: f64,
+    /// The same in units of the noise that it would leave: what it explains is part of the current one.
+    pub cleared: f64,
     /// Columns that survive the projection.
     pub rank: usize,
     /// ln of the p-value, before any correction for the number of candidates.
@@ -38,6 +40,12 @@ impl Score {
     /// χ² beyond what noise gives as many columns.
     pub fn excess(&self) -> f64 {
         self.chi2 - self.rank as f64
+    }
+
+    /// The same in units of the noise that it would leave. Two effects in outputs of their own cannot be compared in the current
+    /// noise: that of the one not yet named is all noise.
+    pub fn cleared_excess(&self) -> f64 {
+        self.cleared - self.rank as f64
     }
 }
 
@@ -110,7 +118,8 @@ impl Standing {
                     }
                 };
                 let evidence = evidence - c.choice;
-                Some(Score { candidate: index, chi2, rank, ln_p, evidence, rms_mm })
+                let cleared = self.cleared(dof, chi2);
+                Some(Score { candidate: index, chi2, cleared, rank, ln_p, evidence, rms_mm })
             })
             .collect()
     }
@@ -141,7 +150,8 @@ impl Standing {
                 let ln_p = self.ln_p(dof, chi2, rank as f64);
                 let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
                 let evidence = gain - a.choice - b.choice;
-                let score = Score { candidate: i, chi2, rank, ln_p, evidence, rms_mm };
+                let cleared = self.cleared(dof, chi2);
+                let score = Score { candidate: i, chi2, cleared, rank, ln_p, evidence, rms_mm };
                 (rank > 0).then_some((score, j))
             })
             .collect()
@@ -166,6 +176,12 @@ impl Standing {
         let ln_p = ln_f_tail(f, rank, dof - rank);
         // Given noise holds unless more than it is left: what else is wrong is noise to this candidate.
         if self.fixed { ln_p.max(ln_chi2_tail(chi2, rank)) } else { ln_p }
+    }
+
+    /// χ² in units of the noise that is left once it is explained.
+    fn cleared(&self, dof: f64, chi2: f64) -> f64 {
+        let inside = (chi2 - self.excess).clamp(0.0, 0.99 * dof);
+        if self.fixed { chi2 } else { chi2 * dof / (dof - inside) }
     }
 
     /// Twice the gain of log likelihood. χ² is in units of a noise that holds what the candidate explains, but for what

@@ -146,12 +146,12 @@ impl Selection {
             f.model.active.iter().any(|a| !effects[a.effect].varies_with.is_empty());
         let loose = named_loosely || shapes > 0;
         let least = if loose { LEAST_CHI2 } else { 0.0 };
-        let big = |s: &Score| s.excess() > least && s.excess() > LEAST_SHARE * explained;
+        let big = |s: &Score| s.excess() > least && s.cleared_excess() > LEAST_SHARE * explained;
         let library = library.filter(|l| big(l));
         let generic = generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
         let rivals = || library.iter().chain(generic.iter().map(|(_, g)| g));
         let rival = rivals().map(|s| s.evidence).fold(f64::MIN, f64::max);
-        let rival_chi2 = rivals().map(Score::excess).fold(0.0, f64::max);
+        let rival_chi2 = rivals().map(Score::cleared_excess).fold(0.0, f64::max);
         // A second name needs no handicap against a bent form of the first; a shape without a name has its own.
         let shape = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence - library_bonus(fitter));
         let other = library.as_ref().map_or(shape, |l| l.evidence.max(shape));
@@ -205,7 +205,13 @@ impl Selection {
         let dof = (captures - rank - places as f64).max(1.0);
         let ratio = ((gain2 / captures).exp_m1() * dof / rank).min(1e12);
         let ln_p = ln_f_tail(ratio, rank, dof);
-        Score { ln_p, evidence: gain - choice(fitter, who), chi2: gain2, ..score.clone() }
+        Score {
+            ln_p,
+            evidence: gain - choice(fitter, who),
+            chi2: gain2,
+            cleared: gain2.max(score.cleared),
+            ..score.clone()
+        }
     }
 
     /// The most convincing generic shape; a step or bump with its place (and width) searched around the dictionary's.
