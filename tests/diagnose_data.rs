@@ -346,3 +346,35 @@ fn a_tilt_beside_an_offset_is_two_names() {
         assert_eq!(names, ["beam-tilt-y", "nozzle-offset"], "{offset}");
     }
 }
+
+/// Given noise that the data do not have is in no gap; and another machine's geometry is told from an effect.
+#[test]
+fn noise_and_sizes_that_no_machine_has_are_not_believed() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let plan = ["ballbar", "simulate", "--steps", "60", "--noise-mm", "0.001", "--seed", "2"];
+    assert!(
+        run(&[&plan[..], &["--format", "csv", "--out", "data.csv"]].concat(), folder)
+            .status
+            .success()
+    );
+    let held_out = |report: &Value| report["gap"]["heldout_before_rms_mm"].as_f64().unwrap();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let estimated = diagnose("ballbar", folder);
+
+    for given in ["0.001", "0.1"] {
+        let arguments = ["diagnose", "ballbar", "--model", "machine.toml", "--data", "data.csv"];
+        let more = ["--noise-mm", given, "--format", "json"];
+        let output = run(&[&arguments[..], &more].concat(), folder);
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let ratio = held_out(&report) / held_out(&estimated);
+        assert!((ratio - 1.0).abs() < 0.02, "{given}: {ratio}");
+    }
+    std::fs::write(folder.join("machine.toml"), BAR.replace("400.0", "215.0")).unwrap();
+    let warnings = diagnose("ballbar", folder)["warnings"].to_string();
+    assert!(
+        warnings.contains("scale-z adds up to 57")
+            && warnings.contains("more than any machine shows"),
+        "{warnings}"
+    );
+}

@@ -106,6 +106,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let diagnosis =
         diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm }).map_err(of_data)?;
     let report = diagnosis.report;
+    warnings.extend(report.doubts.iter().cloned());
     for (name, why) in &report.untested {
         warnings.push(format!("{name} could not be tested: {why}"));
     }

@@ -11,8 +11,8 @@ const FOLDS: usize = 20;
 /// Root mean square of what a model leaves on held-out sites, mm; its effects are refitted (linearly, about its solution)
 /// without them. The baseline's own parameters are of the set-up (where the target was put), are in no model file, and are found
 /// anew in every run: they are taken from all sites, and what they take of the noise is added again, so that the true model
-/// would leave the noise, no more and no less.
-pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
+/// would leave the noise, no more and no less. Of the noise's variance the data show `share`: less than all where more was given.
+pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted, share: f64) -> f64 {
     let layout = fitter.experiment.layout();
     let mut white = fitter.whiten(&fitted.tangent, &fitted.noise);
     let setup = 0..fitted.model.nuisances.len();
@@ -51,7 +51,7 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted) -> f64 {
         for (i, &g) in layout.groups.iter().enumerate() {
             if out(g) && fitter.space.kept(i) {
                 sum += (fitted.residual[i] - predicted[(i, 0)]).powi(2);
-                sum += taken.row(i).dot(&of_setup.row(i));
+                sum += share * taken.row(i).dot(&of_setup.row(i));
                 count += 1.0;
             }
         }

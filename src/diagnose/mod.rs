@@ -3,6 +3,7 @@
 mod algebra;
 pub mod classes;
 pub mod data;
+mod doubts;
 pub mod effects;
 mod exchange;
 pub mod experiment;

@@ -8,6 +8,7 @@ use std::path::Path;
 use exmex::{Express, FlatEx};
 use serde::Deserialize;
 
+use crate::diagnose::doubts::beyond_machines;
 use crate::diagnose::experiment::{
     Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
@@ -44,9 +45,6 @@ const COLUMNS: &[&str] = &[
 
 /// Least size that a parameter of a model file is taken to have: it may be zero.
 const LEAST_TYPICAL: f64 = 1e-6;
-
-/// What an effect adds to no machine's outputs, mm.
-const MOST_MM: f64 = 5.0;
 
 /// An effects file: `docs/diagnose.md` explains each key.
 #[derive(Debug, Clone, Deserialize)]
@@ -256,8 +254,7 @@ impl OwnEffects {
                     "keep logarithms, roots and divisions away from zero",
                 ));
             }
-            let most = added.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
-            if most > MOST_MM {
+            if let Some(most) = beyond_machines(added) {
                 warnings.push(format!(
                     "{}: effects '{}' adds up to {most:.1} mm at its typical sizes, more than any machine shows: check the formula's units (outputs in mm, angles in degrees) and what is typical",
                     path.display(),

@@ -155,6 +155,9 @@ pub struct Report {
     pub untested: Vec<(String, String)>,
     /// p-value of the lack of fit that remains, where it can be tested.
     pub lack_of_fit_p: Option<f64>,
+    /// Sizes that no machine has, in words.
+    #[serde(skip)]
+    pub doubts: Vec<String>,
     /// Before and after, for plots: index of observation, residual before, residual after, mm.
     #[serde(skip)]
     pub residuals: Residuals,

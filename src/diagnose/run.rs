@@ -6,6 +6,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::classes::{by_name, rivals, stand_ins};
+use crate::diagnose::doubts;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
@@ -91,11 +92,11 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     let white = whitened(fitter, f);
     let mut ln_p: Option<f64> = None;
     let mut tests = 0.0;
+    if quieter(fitter, f).is_some() {
+        // Repeats may tell what is smaller than the noise given, which the user calls noise.
+        return Some(1.0);
+    }
     if let Some((chi2, dof)) = against_given(fitter, f, &white) {
-        if is_quieter(chi2, dof) {
-            // Repeats may tell what is smaller than the noise given, which the user calls noise.
-            return Some(1.0);
-        }
         tests += 1.0;
         ln_p = Some(ln_chi2_tail(chi2, dof));
     }
@@ -119,9 +120,11 @@ fn against_given(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Option<(f
         .then(|| (white.rows(top, f.residual.len()).norm_squared(), dof))
 }
 
-/// Whether the values scatter by less than the noise that was given: as rarely by chance as a lack of fit is so large.
-fn is_quieter(chi2: f64, dof: f64) -> bool {
-    -ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P
+/// Share of the given noise's variance that the values show, where they scatter by less: as rarely by chance as a lack of fit is
+/// so large.
+fn quieter(fitter: &Fitter, f: &Fitted) -> Option<f64> {
+    let (chi2, dof) = against_given(fitter, f, &whitened(fitter, f))?;
+    (-ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P).then_some(chi2 / dof)
 }
 
 /// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
@@ -233,11 +236,12 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
             (0..r.len()).filter(|i| fitter.space.kept(*i)).map(|i| r[i] * r[i]).collect();
         (kept.iter().sum::<f64>() / kept.len().max(1) as f64).sqrt()
     };
+    let share = quieter(fitter, f).unwrap_or(1.0);
     let gap = Gap {
         before_rms_mm: rms(&s.baseline.residual),
         after_rms_mm: rms(&named.residual),
-        heldout_before_rms_mm: held_out_rms(fitter, &s.baseline),
-        heldout_after_rms_mm: held_out_rms(fitter, &named),
+        heldout_before_rms_mm: held_out_rms(fitter, &s.baseline, share),
+        heldout_after_rms_mm: held_out_rms(fitter, &named, share),
         noise_rms_mm: fitter.space.noise_rms_mm(&f.noise),
         with_unnamed_rms_mm: (generic_count > 0).then(|| rms(&f.residual)),
     };
@@ -262,6 +266,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         outliers,
         untested,
         lack_of_fit_p: p,
+        doubts: doubts::of_answer(fitter, s),
         residuals: Residuals {
             before_mm: s.baseline.residual.clone(),
             after_mm: named.residual.clone(),
@@ -274,12 +279,12 @@ fn noise_source(fitter: &Fitter, layout: &Layout, f: &Fitted) -> String {
     layout.sites.iter().for_each(|s| seen[*s] += 1);
     let repeats: usize = seen.iter().map(|c| c.saturating_sub(1)).sum();
     let source = match (fitter.given_mm, repeats) {
-        (Some(given_mm), _) => match against_given(fitter, f, &whitened(fitter, f)) {
-            Some((chi2, dof)) if is_quieter(chi2, dof) => format!(
+        (Some(given_mm), _) => match quieter(fitter, f) {
+            Some(share) => format!(
                 "given, but the values scatter by {:.2} µm only: what is smaller than the noise given is not told",
-                1e3 * given_mm * (chi2 / dof).sqrt()
+                1e3 * given_mm * share.sqrt()
             ),
-            _ => "given".into(),
+            None => "given".into(),
         },
         (None, 0) => "what the model leaves; no repeats to check it against".into(),
         (None, r) => format!("what the model leaves, checked against {r} repeated captures"),

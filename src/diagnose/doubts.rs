@@ -1,0 +1,34 @@
+//! Sizes that no machine has: what gives them is more likely in the model or the file than in the machine.
+
+use crate::diagnose::fit::Fitter;
+use crate::diagnose::parts::{Part, contribution};
+use crate::diagnose::select::Selection;
+
+/// What an effect adds to no machine's outputs, mm.
+const MOST_MM: f64 = 5.0;
+
+/// The greatest of these amounts, mm, if it is more than any machine shows.
+pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let most = added.into_iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    (most > MOST_MM).then_some(most)
+}
+
+/// What is to be doubted of an answer, in words: effects of such a size, or else such a gap.
+pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
+    const CHECK: &str = "more than any machine shows: check that --model is the machine measured and that the columns are in mm and degrees";
+    let model = &s.fitted.model;
+    let effects = fitter.experiment.effects();
+    let mut doubts: Vec<String> = (0..model.active.len())
+        .filter_map(|i| {
+            let most = beyond_machines(contribution(fitter, model, Part::Effect(i)))?;
+            let name = &effects[model.active[i].effect].name;
+            Some(format!("{name} adds up to {most:.1} mm, {CHECK}"))
+        })
+        .collect();
+    let gap = s.baseline.residual.iter().enumerate();
+    let gap = gap.filter(|(i, _)| fitter.space.kept(*i)).map(|(_, r)| *r);
+    if let (true, Some(most)) = (doubts.is_empty(), beyond_machines(gap)) {
+        doubts.push(format!("the data are up to {most:.1} mm off the model, {CHECK}"));
+    }
+    doubts
+}
