@@ -6,7 +6,8 @@
 //! are, the edge would seem to lie further out. T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to (free levels would cost half of the information): on a textured
-//! picture that lets them float. Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]),
+//! picture that lets them float. A sector's own tail would be texture there, which the noise has already and which pulled every edge inwards: it keeps to
+//! the tails' slow curve. Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]),
 //! which reaches the Cramer-Rao bound.
 
 use crate::edge::blurred::Blurred;
@@ -91,6 +92,9 @@ pub struct Located {
 
 /// Variance of gains and stretches that nothing holds.
 const LOOSE: f64 = 0.09;
+
+/// Least standard deviation of a sector's own tail, as a part of the step.
+const LEAST_TAIL: f64 = 1e-4;
 
 /// A sector's shift that moves by less than this part of its standard deviation has been found: while the common profile still changes,
 /// and at last.
@@ -196,6 +200,12 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             break;
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
+        if noise.is_correlated() {
+            // A tail of a sector's own would be texture, which the noise has already: only the tails' slow curve is left.
+            for p in &mut priors {
+                p.tail.1 = (LEAST_TAIL * range).powi(2);
+            }
+        }
         if hidden.is_some() {
             // Of a flank alone gain and stretch look much alike: what a round takes for one must not hold the next.
             for p in &mut priors {
@@ -345,7 +355,7 @@ fn update_priors(
     let tail_variance = if round == 0 {
         0.01 * range * range
     } else {
-        beyond(tail_sd, median(&of(|m| m.tail_variance), alive), (1e-4 * range).powi(2))
+        beyond(tail_sd, median(&of(|m| m.tail_variance), alive), (LEAST_TAIL * range).powi(2))
     };
     // Wide enough for any real wander, but not for another edge.
     let known: Vec<f64> = alive
