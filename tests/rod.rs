@@ -5,7 +5,7 @@ mod decoded;
 mod painter;
 
 use nalgebra::Vector2;
-use pivotsight::camera::{Calibration, Mapping};
+use pivotsight::camera::{Calibration, Mapping, View};
 use pivotsight::frame::{Frame, Gray, Picture};
 use pivotsight::measure::rod::{self, Capture, Options, Report};
 use pivotsight::render::{self, Preset, RodScene};
@@ -15,7 +15,7 @@ use rand_distr::{Distribution, Normal};
 /// The captures of a rendered rod with everything that stays the same when their positions change.
 struct Rod {
     captures: Vec<Capture>,
-    frames: Vec<(pivotsight::frame::Frame, pivotsight::camera::View)>,
+    frames: Vec<(Frame, View)>,
     center_mm: Vector2<f64>,
 }
 
@@ -46,6 +46,35 @@ impl Rod {
         captures.iter_mut().zip(shifts).for_each(|(c, shift)| c.position_mm += shift);
         rod::measure_frames(&captures, &self.frames, &Options::default()).unwrap().report
     }
+}
+
+/// Where the axis of an eccentric rod is.
+const AXIS_MM: [f64; 2] = [100.013, 49.992];
+
+/// Captures all round a rod 0.05 mm beside the axis at three table angles; `level` is told how far from the rod's centre a pixel is and
+/// where in the picture.
+fn eccentric(
+    mm_per_px: f64,
+    radius_px: f64,
+    level: impl Fn(Vector2<f64>, Vector2<f64>) -> f64,
+) -> (Vec<Capture>, Vec<(Frame, View)>) {
+    let mapping = Mapping::Scale { mm_per_px, rotation_deg: 0.0 };
+    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
+    let captures = (0..12).map(|k| {
+        let c_deg = 120.0 * f64::from(k % 3);
+        let turned = |deg: f64| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin());
+        let center_mm = Vector2::from(AXIS_MM) + 0.05 * turned(c_deg);
+        let at_mm =
+            Vector2::new(100.0, 50.0) + radius_px * mm_per_px * turned(17.0 + 30.0 * f64::from(k));
+        let seen = painter::picture(|p| {
+            let plane_mm = mm_per_px * Vector2::new(p.x - 319.5, 239.5 - p.y);
+            level((plane_mm + at_mm - center_mm) / mm_per_px, p)
+        });
+        let frame = seen.into_frame(Options::default().channel);
+        let view = calibration.view(640, 480).unwrap();
+        (Capture::in_memory(format!("capture {k}"), at_mm, c_deg), (frame, view))
+    });
+    captures.unzip()
 }
 
 #[test]
@@ -213,41 +242,40 @@ fn light_that_slopes_does_not_move_the_axis() {
     let [face, table] = [60.0, 150.0];
     // What a blurred step fitted to eight softnesses either side, with even levels, makes of it.
     let plain_mm = 7.7 * slope * blur_px * blur_px * MM_PER_PX;
-    let mapping = Mapping::Scale { mm_per_px: MM_PER_PX, rotation_deg: 0.0 };
-    let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
-    let axis_mm = Vector2::new(100.013, 49.992);
     for on_the_rod in [true, false] {
-        let (mut captures, mut frames) = (Vec::new(), Vec::new());
-        for k in 0..12 {
-            let c_deg = 120.0 * f64::from(k % 3);
-            let turned = |deg: f64| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin());
-            let center_mm = axis_mm + 0.05 * turned(c_deg);
-            let at_mm = Vector2::new(100.0, 50.0)
-                + radius_px * MM_PER_PX * turned(17.0 + 30.0 * f64::from(k));
-            let seen = painter::picture(|p| {
-                let plane_mm = MM_PER_PX * Vector2::new(p.x - 319.5, 239.5 - p.y);
-                let from_px = (plane_mm + at_mm - center_mm) / MM_PER_PX;
-                let z = (from_px.norm() - radius_px) / blur_px;
-                let outside = 0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2);
-                let peak = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
-                // Blurred together with the step, light that grows outwards lifts the flank.
-                let lifted = slope * from_px.x / radius_px * blur_px * peak;
-                let step = (1.0 + slope * (p.x - 319.5)) * outside;
-                let lit = step + if on_the_rod { lifted } else { 0.0 };
-                (1.0 + slope * (p.x - 319.5)) * face + (table - face) * lit
-            });
-            captures.push(Capture::in_memory(format!("capture {k}"), at_mm, c_deg));
-            frames.push((
-                seen.into_frame(Options::default().channel),
-                calibration.view(640, 480).unwrap(),
-            ));
-        }
+        let (captures, frames) = eccentric(MM_PER_PX, radius_px, |from_px, p| {
+            let z = (from_px.norm() - radius_px) / blur_px;
+            let outside = 0.5 * libm::erfc(-z * std::f64::consts::FRAC_1_SQRT_2);
+            let peak = (-0.5 * z * z).exp() / std::f64::consts::TAU.sqrt();
+            // Blurred together with the step, light that grows outwards lifts the flank.
+            let lifted = slope * from_px.x / radius_px * blur_px * peak;
+            let step = (1.0 + slope * (p.x - 319.5)) * outside;
+            let lit = step + if on_the_rod { lifted } else { 0.0 };
+            (1.0 + slope * (p.x - 319.5)) * face + (table - face) * lit
+        });
         let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
-        let off_mm = Vector2::from(report.axis_center_mm) - axis_mm;
+        let off_mm = Vector2::from(report.axis_center_mm) - Vector2::from(AXIS_MM);
         let u95_mm = report.axis_center_u95_mm;
         println!("{:?} of {plain_mm} mm, ± {u95_mm:?}", off_mm.as_slice());
         assert!(off_mm.norm() < 0.2 * plain_mm, "{off_mm} of {plain_mm} mm");
         assert!((0..2).all(|i| off_mm[i].abs() < u95_mm[i]), "{off_mm} ± {u95_mm:?}");
         assert!(u95_mm[0] < 0.5 * plain_mm, "{u95_mm:?}");
+    }
+}
+
+/// Of a rod beside the axis, rim and chamfer's edge cross where all table angles are looked at about one centre.
+#[test]
+fn a_narrow_chamfer_of_an_eccentric_rod_is_not_the_rim() {
+    const MM_PER_PX: f64 = 0.0075;
+    let radius_px = 1000.0;
+    for (face, chamfer, table) in [(200.0, 110.0, 30.0), (40.0, 125.0, 170.0)] {
+        let (captures, frames) = eccentric(MM_PER_PX, radius_px, |from_px, _| {
+            let outside = |r: f64| 0.5 * libm::erfc(-(from_px.norm() - r) / 2.0);
+            let inner = outside(radius_px - 11.0);
+            face + (chamfer - face) * inner + (table - chamfer) * outside(radius_px)
+        });
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let off_mm = report.diameter_mm - 2.0 * radius_px * MM_PER_PX;
+        assert!(off_mm.abs() < 0.001, "{} mm, off by {off_mm} mm", report.diameter_mm);
     }
 }

@@ -1,13 +1,14 @@
 //! Where the rod's circle may be: the likeliest places first, about one centre or at each table angle by itself.
 
+use nalgebra::Vector2;
 use rayon::prelude::*;
 
 use crate::camera::View;
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::rod::Capture;
 use crate::measure::rod::outer::{self, Captures, Found};
 use crate::measure::rod::seek::{self, Voter};
+use crate::measure::rod::{Capture, Report};
 
 /// Circles at two table angles that differ by more are not those of one rod.
 const ONE_ROD_MM: f64 = 0.05;
@@ -55,6 +56,14 @@ impl<'a> Attempts<'a> {
     /// The rod's circle near one of those.
     pub(super) fn rim(&self, about: Circle) -> Option<Found> {
         outer::rim(self.seen(None), about, self.nominal_mm)
+    }
+
+    /// The rim just outside a circle that was measured. `None` where there is none, or the nominal diameter says which is meant.
+    pub(super) fn just_outside(&self, measured: &Report) -> Option<Found> {
+        let centers = measured.rod_centers.iter().map(|c| Vector2::from(c.center_mm)).collect();
+        let radius_mm = 0.5 * measured.diameter_mm;
+        let seen = self.nominal_mm.is_none().then(|| self.seen(None))?;
+        outer::just_outside(seen, centers, radius_mm)
     }
 
     /// The circle at each of several table angles found by itself: a rod far off the axis shows no common one. `None` where one

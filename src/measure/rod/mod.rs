@@ -162,7 +162,11 @@ pub fn measure_frames(
             best = Ok(other);
         }
     }
-    best
+    best.map(|best| {
+        let outer = attempts.just_outside(&best.report);
+        let outer = outer.and_then(|found| measure_at(&found).ok()).filter(|m| !doubtful(m));
+        outer.unwrap_or(best)
+    })
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn, and how far the light moves it.

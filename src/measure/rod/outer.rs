@@ -25,8 +25,12 @@ const BIN_MM: f64 = 0.01;
 const LEAST_BIN_PX: f64 = 2.0;
 /// The same at first, while the centre is not known.
 const FAR_BIN_MM: f64 = 0.02;
-/// Least width of a chamfer that is told from its rim.
+/// Least width of a chamfer that is told from its rim while the centres are not known.
 const CHAMFER_MM: f64 = 0.1;
+/// Two edges that are nearer part where the support between them is less than this share of theirs.
+const DIP: f32 = 0.9;
+/// Bins that edges are apart at least: the steps of nearer ones overlap.
+const APART: usize = 4;
 /// A capture half believes in an edge of this many standard errors: turning lines and texture have ten.
 const BELIEVED: f32 = 20.0;
 /// Centres that are looked at closely, and how many steps of the first look they are apart: one likely circle must not have all.
@@ -116,7 +120,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let inside_mm = sights.first()?.inside_mm;
     let all = Search { bin_mm, sights: sights.iter().collect() };
     let shift = *all.centers(NEARER_MM).first()?;
-    let support = all.support(shift, true);
+    let support = all.support(|_| shift, true);
     let most = support.iter().copied().fold(0.0, f32::max);
     if most < LEAST * sights.len() as f32 {
         return None;
@@ -163,6 +167,36 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     })
 }
 
+/// The rim just outside a circle that was measured: about one centre a narrow chamfer's edge and the rim of an eccentric rod are one, about
+/// each table angle's own they part.
+pub(super) fn just_outside(
+    seen: Captures,
+    centers: Vec<Vector2<f64>>,
+    radius_mm: f64,
+) -> Option<Found> {
+    let bin_mm = seen.bin_mm();
+    let center = centers.iter().sum::<Vector2<f64>>() / centers.len().max(1) as f64;
+    let sights = seen.sights(Circle { center, radius: radius_mm }, bin_mm);
+    let here = (sights.first()?.inside_mm / bin_mm) as usize;
+    let all = Search { bin_mm, sights: sights.iter().collect() };
+    let support = all.support(|sight| centers[sight.angle] - center, true);
+    let end = here + APART + (CHAMFER_MM / bin_mm).ceil() as usize;
+    let inner = support.get(here.checked_sub(APART)?..end + 1)?;
+    let own = inner[..2 * APART].iter().copied().fold(0.0, f32::max);
+    let outer = (here + APART..end).rfind(|&b| {
+        let dip = support[here..b].iter().copied().fold(f32::INFINITY, f32::min);
+        let is_peak = support[b] >= support[b - 1] && support[b] > support[b + 1];
+        is_peak && support[b] >= SUPPORTED * own && dip < DIP * own.min(support[b])
+    })?;
+    Some(Found {
+        centers,
+        radius_mm: radius_mm + (outer - here) as f64 * bin_mm,
+        inner_mm: Some(radius_mm),
+        fainter_mm: None,
+        is_common: false,
+    })
+}
+
 /// The captures together.
 struct Search<'a> {
     bin_mm: f64,
@@ -172,7 +206,8 @@ struct Search<'a> {
 impl Search<'_> {
     /// The shifts, up to `most_mm`, under which the captures agree best on two circles, likeliest first, clear of each other.
     fn centers(&self, most_mm: f64) -> Vec<Vector2<f64>> {
-        let value = |shift: Vector2<f64>, fine: bool| self.two_clearest(&self.support(shift, fine));
+        let value =
+            |shift: Vector2<f64>, fine: bool| self.two_clearest(&self.support(|_| shift, fine));
         let coarse_mm = 4.0 * self.bin_mm;
         let mut all: Vec<(f32, Vector2<f64>)> =
             disc(most_mm, coarse_mm).map(|shift| (value(shift, false), shift)).collect();
@@ -245,7 +280,7 @@ impl Search<'_> {
     /// The shift near `start` under which the captures agree best on circles in these bins.
     fn recentre(&self, start: Vector2<f64>, bins: &[usize]) -> Vector2<f64> {
         let value = |shift: Vector2<f64>, fine: bool| -> f32 {
-            let support = self.support(shift, fine);
+            let support = self.support(|_| shift, fine);
             bins.iter().map(|&b| support[b - 1].max(support[b]).max(support[b + 1])).sum()
         };
         let rough = disc(ECCENTRIC_MM, 4.0 * self.bin_mm)
@@ -281,13 +316,13 @@ impl Search<'_> {
         best
     }
 
-    /// How many captures support a circle about the shifted centre, for every radius.
-    fn support(&self, shift: Vector2<f64>, fine: bool) -> Vec<f32> {
+    /// How many captures support a circle about their shifted centres, for every radius.
+    fn support(&self, shift: impl Fn(&Sight) -> Vector2<f64>, fine: bool) -> Vec<f32> {
         let bins = self.sights.first().map_or(0, |s| s.bins);
         let mut sum = vec![0.0f32; bins];
         let mut own = vec![0.0f32; bins];
         for sight in &self.sights {
-            sight.evidence(shift, fine, self.bin_mm, &mut own);
+            sight.evidence(shift(sight), fine, self.bin_mm, &mut own);
             for (s, z) in sum.iter_mut().zip(&own) {
                 *s += z.abs() / (z.abs() + BELIEVED);
             }
