@@ -6,7 +6,7 @@
 //! are, the edge would seem to lie further out. T and the sectors' parameters are found in turn. Where along the profile sectors differ from T by more than
 //! pixel noise (bevels, burrs, reflections beside the edge), the profile counts for less. Levels and gains are held by priors around curves that vary
 //! slowly along the contour, as tightly as the data show them to (free levels would cost half of the information): on a textured
-//! picture that lets them float. A sector's own tail would be texture there, which the noise has already and which pulled every edge inwards: it keeps to
+//! picture that lets them float. The tail of an arc's own sector would be texture there, which the noise has already and which pulled every edge inwards: it keeps to
 //! the tails' slow curve. Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]),
 //! which reaches the Cramer-Rao bound.
 
@@ -200,8 +200,9 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             break;
         }
         update_priors(round, &mut priors, &matches, &alive, &curve, range);
-        if noise.is_correlated() {
-            // A tail of a sector's own would be texture, which the noise has already: only the tails' slow curve is left.
+        if noise.is_correlated() && !closed {
+            // A tail of an arc's own sector would be texture, which the noise has already: only the tails' slow curve is left. Round a closed
+            // contour what fades on one side must be followed, and what texture does to both sides cancels from the centre.
             for p in &mut priors {
                 p.tail.1 = (LEAST_TAIL * range).powi(2);
             }
