@@ -16,7 +16,7 @@ mod displaced;
 use nalgebra::{DMatrix, DVector, Vector2};
 
 pub use covariance::groups;
-use covariance::{Kernel, Shape, Wandering, alike, kernels, whole};
+use covariance::{Kernel, Shape, Wandering, alike, kernels, parts};
 use displaced::{Solved, Whitened};
 
 /// What one edge has taught about how edges wander here, to judge a shorter edge of the same kind by.
@@ -71,6 +71,8 @@ pub struct Fit {
     pub influence: DMatrix<f64>,
     /// Residual covariance at the most likely grid point (n × n).
     pub row_covariance: DMatrix<f64>,
+    /// What part of every coefficient's variance wander makes, at the most likely grid point.
+    pub by_wander: Vec<f64>,
     /// Probability that groups are displaced at all.
     pub displaced: f64,
     /// Most likely standard deviation of a displacement, in x as in y.
@@ -183,12 +185,16 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     }
     let displaced = candidates.iter().filter(|c| c.displacement > 0.0).map(weight).sum::<f64>();
     let residuals = &rows.y - &rows.design * &beta;
-    let mut row_covariance = whole(rows, mean_variance, best.wandering);
+    let [wander_covariance, white_covariance] = parts(rows, mean_variance, best.wandering);
+    let mut row_covariance = &wander_covariance + white_covariance;
     let moved = displaced::most_likely(rows, &row_covariance, &residuals, best.displacement);
     displaced::add(rows, best.displacement, &mut row_covariance);
     row_covariance *= best.scale;
     let solved = row_covariance.clone().cholesky()?.solve(&rows.design);
     let influence = rows.design.tr_mul(&solved).try_inverse()? * solved.transpose();
+    let variances = |c: &DMatrix<f64>| (&influence * c * influence.transpose()).diagonal();
+    let of_wander = variances(&wander_covariance) * best.scale;
+    let by_wander = of_wander.component_div(&variances(&row_covariance));
     Some(Fit {
         beta,
         covariance,
@@ -198,6 +204,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         wander,
         influence,
         row_covariance,
+        by_wander: by_wander.iter().map(|part| part.clamp(0.0, 1.0)).collect(),
         displaced: displaced / total,
         displacement_sd: (best.displacement * best.scale).sqrt(),
         moved,

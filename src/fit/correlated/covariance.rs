@@ -92,18 +92,21 @@ pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
     ranges
 }
 
-/// Covariance of the rows where their groups stay in place, before scaling.
-pub(super) fn whole(rows: &Rows, mean_variance: f64, wandering: Wandering) -> DMatrix<f64> {
+/// Covariance of the rows where their groups stay in place, before scaling: what wanders and what does not.
+pub(super) fn parts(rows: &Rows, mean_variance: f64, wandering: Wandering) -> [DMatrix<f64>; 2] {
     let n = rows.y.len();
-    let mut whole = DMatrix::zeros(n, n);
     let how_alike = if wandering.share > 0.0 {
         alike(rows, wandering.kernel.shape, wandering.length)
     } else {
         Vec::new()
     };
+    let (mut wander, mut white) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
     for (i, range) in groups(&rows.group).into_iter().enumerate() {
-        let c = block(rows, range.clone(), how_alike.get(i), mean_variance, wandering);
-        whole.view_mut((range.start, range.start), c.shape()).copy_from(&c);
+        let of = |alike| block(rows, range.clone(), alike, mean_variance, wandering);
+        let (all, still) = (of(how_alike.get(i)), of(None));
+        let place = (range.start, range.start);
+        white.view_mut(place, still.shape()).copy_from(&still);
+        wander.view_mut(place, all.shape()).copy_from(&(all - still));
     }
-    whole
+    [wander, white]
 }

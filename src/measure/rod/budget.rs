@@ -17,6 +17,8 @@ pub(super) struct Sources<'f> {
     pub gain: DMatrix<f64>,
     /// Weight and standard uncertainty of the nominal radius, where it is used.
     pub nominal: Option<(f64, f64)>,
+    /// Standard uncertainty of where on a rim's profile its edge is, the same in all pictures.
+    pub rim_mm: f64,
     /// Standard uncertainty, each axis, of what the light's slope does to all centres.
     pub light_mm: f64,
 }
@@ -40,6 +42,7 @@ impl Sources<'_> {
             diameter.push((source, 2.0 * (1.0 - nominal_weight) * radius));
         }
         axis.push(("light's slope".to_owned(), self.light_mm));
+        diameter.push(("the rim's profile".to_owned(), 2.0 * (1.0 - nominal_weight) * self.rim_mm));
         diameter.push(("nominal diameter".to_owned(), 2.0 * nominal_weight * nominal_u_mm));
         let [x, y] = axis_u95_mm;
         let mut list = scaled("axis_center_mm", axis, (0.5 * (x * x + y * y)).sqrt() / K95);

@@ -238,9 +238,6 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
         fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
     }
-    let radius = fit.beta.len() - 1;
-    let pixel_mm = arcs.iter().map(|a| a.points.pixel_mm).fold(0.0, f64::max);
-    fit.covariance[(radius, radius)] += (RADIUS_PX * pixel_mm).powi(2);
     let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
     Some(Refined {
         misses_mm: rms(&fit.residuals),
@@ -253,7 +250,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
 /// An arc as a whole is out of place by this much (standard deviation), and all arcs together too far out or in by that: how pixels
 /// integrate light and where the counts are rounded shows in no residual. So clean renderings of two makers scatter.
 const PLACE_PX: f64 = 0.001;
-const RADIUS_PX: f64 = 0.002;
+pub(super) const RADIUS_PX: f64 = 0.002;
 
 /// [`Rows::unsteady`] of a rod's rim: each of several captures shows a part of it in its own light.
 const UNSTEADY: f64 = 0.7;
