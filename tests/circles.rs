@@ -24,7 +24,8 @@ fn center() -> Vector2<f64> {
 /// A hole and its chamfer are two circles: which of them is meant, the expected diameter says.
 #[test]
 fn of_a_hole_and_its_chamfer_the_expected_one_is_measured() {
-    for (hole_px, chamfer_px) in [(128.0, 138.0), (150.0, 163.0)] {
+    // The last hole is hidden from afar by its wider chamfer's far stronger edge.
+    for (hole_px, chamfer_px) in [(128.0, 138.0), (150.0, 163.0), (165.0, 184.0)] {
         let seen = picture(|p| match (p - center()).norm() {
             r if r < hole_px => 20.0,
             r if r < chamfer_px => 70.0,
@@ -36,6 +37,34 @@ fn of_a_hole_and_its_chamfer_the_expected_one_is_measured() {
             assert!(off_mm.abs() < 0.002, "{hole_px} {chamfer_px}: {radius_px} off by {off_mm}");
         }
     }
+}
+
+/// A circle of a few pixels is not lost in the reduced picture.
+#[test]
+fn a_small_circle_is_measured() {
+    let seen = picture(|p| if (p - center()).norm() < 7.0 { 120.0 } else { 90.0 });
+    let found = circle(&seen, 0.02 * 6.8).unwrap().report.circles[0].circle.clone();
+    assert!((found.diameter_mm - 0.14).abs() < 0.002, "{}", found.diameter_mm);
+    let px = Vector2::from(found.center_px) - center();
+    assert!(px.norm() < 0.1, "{px}");
+}
+
+/// What wanders about a circle more than an edge does is told.
+#[test]
+fn an_edge_that_is_not_round_is_told() {
+    let oval = |lobe: f64| {
+        picture(|p| {
+            let d = p - center();
+            let radius_px = 150.0 * (1.0 + lobe * (2.0 * d.y.atan2(d.x)).cos());
+            if d.norm() < radius_px { 40.0 } else { 180.0 }
+        })
+    };
+    let told = |lobe| {
+        let report = circle(&oval(lobe), 3.0).unwrap().report;
+        report.warnings.iter().any(|w| w.contains("check that it is round"))
+    };
+    assert!(told(0.03));
+    assert!(!told(0.005));
 }
 
 /// Hexagons, ellipses' ends and a dark background's noise are no circles.

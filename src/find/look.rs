@@ -24,6 +24,11 @@ impl Look {
     /// Reduces and blurs, by the first few of the scales.
     pub fn new(frame: &Frame, scales: usize) -> Self {
         let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).clamp(1, MOST_JOINED);
+        Self::reduced_by(factor, frame, scales)
+    }
+
+    /// Reduces by `factor` and blurs, by the first few of the scales.
+    pub fn reduced_by(factor: usize, frame: &Frame, scales: usize) -> Self {
         let base = frame.reduce(factor);
         let noise = texture(&base);
         let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();

@@ -134,6 +134,11 @@ pub fn look(frame: &Frame) -> Look {
     Look::new(frame, look::BLURS.len())
 }
 
+/// The same reduced by a given factor, for circles that are too small in the other.
+pub fn look_reduced(frame: &Frame, factor: usize) -> Look {
+    Look::reduced_by(factor, frame, look::BLURS.len())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

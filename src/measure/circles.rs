@@ -165,6 +165,12 @@ fn in_frame(
                 100.0 * ring.arc_coverage
             ));
         }
+        if !expected::is_regular(&ring) {
+            warnings.push(format!(
+                "the {expect_mm} mm circle's edge wanders by {:.4} mm rms: check that it is round",
+                ring.form_rms_mm
+            ));
+        }
         warnings.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
         circles.push(Expected { expect_mm, circle: CircleReport::of(&ring) });
         rings.push(ring);

@@ -41,52 +41,40 @@ const ASTRAY: f64 = 0.03;
 /// ... which is then looked for no farther than this, in softnesses, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
 
+/// Where nothing is seen, a stronger edge about the same centre may hide it: such are looked for within this share.
+const WIDE_WINDOW: f64 = 0.4;
+/// Pixels of a reduced picture that a circle's radius should have: a smaller one is looked for in one reduced less.
+const LEAST_SEEN: f64 = 5.0;
+
 /// The circle of about `expect_mm` diameter that the picture shows best; `None` where it shows none.
 pub(super) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -> Option<Ring> {
     let radius_px = 0.5 * expect_mm / view.pixel_mm();
-    let options = |from: f64, to: f64| find::Options {
-        least_radius_px: from * radius_px,
-        most_radius_px: to * radius_px,
+    let seen = |look: &Look| {
+        let candidates = find::circles(look, options(radius_px, DIAMETER_WINDOW));
+        Picture { frame, view, look, candidates: &candidates, expect_mm, radius_px }.best()
+    };
+    let hidden = || {
+        let candidates = find::circles(look, options(radius_px, WIDE_WINDOW));
+        Picture { frame, view, look, candidates: &candidates, expect_mm, radius_px }.hidden()
+    };
+    let small = || {
+        let small = radius_px < LEAST_SEEN * look.factor as f64;
+        let factor = (radius_px / LEAST_SEEN) as usize;
+        small.then(|| find::look_reduced(frame, factor.max(1)))
+    };
+    seen(look).or_else(hidden).or_else(|| seen(&small()?))
+}
+
+/// Circles within a share of a radius.
+fn options(radius_px: f64, window: f64) -> find::Options<'static> {
+    find::Options {
+        least_radius_px: (1.0 - window) * radius_px,
+        most_radius_px: (1.0 + window) * radius_px,
         near: None,
         least_coverage: 0.25,
         centers: 8,
         known: &[],
-    };
-    let candidates = find::circles(look, options(1.0 - DIAMETER_WINDOW, 1.0 + DIAMETER_WINDOW));
-    let picture = Picture { frame, view, look, candidates: &candidates, expect_mm };
-    let mut ragged: Option<Ring> = None;
-    let mut tried = |found: Option<Found>| match found? {
-        Found::Circle(ring) => Some(ring),
-        Found::Ragged(ring) => {
-            if ragged.as_ref().is_none_or(|best| form(&ring) < form(best)) {
-                ragged = Some(ring);
-            }
-            None
-        }
-    };
-    let off = |c: &Candidate| (c.circle.radius / radius_px - 1.0).abs();
-    for (nth, c) in pick(&candidates, radius_px).into_iter().take(TRIES).enumerate() {
-        // From nearby edges are told apart that are one from afar: the one nearer to what is expected is meant.
-        let wide = options(NEIGHBOURS.start, NEIGHBOURS.end);
-        let nearby = if nth < CENTERS { find::about(frame, c.circle.center, wide) } else { vec![] };
-        let clear =
-            |o: &&Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
-        let beside = told_apart(nearby.iter().filter(clear).copied().collect());
-        let mut meant: Vec<&Candidate> =
-            beside.iter().filter(|o| o.step * c.step > 0.0 && off(o) < off(&c) - NEARER).collect();
-        meant.sort_by(|a, b| off(a).total_cmp(&off(b)));
-        let nearer = meant.into_iter().find_map(|o| tried(picture.measure(o, &beside)));
-        if nearer.is_some() {
-            return nearer;
-        }
-        let apart = |o: &&Candidate| !one(o, &c, look);
-        let neighbours: Vec<Candidate> =
-            candidates.iter().chain(beside.iter().filter(apart)).copied().collect();
-        if let Some(ring) = tried(picture.measure(&c, &neighbours)) {
-            return Some(ring);
-        }
     }
-    ragged
 }
 
 /// Concentric edges, each no softer than those beside it leave room for: seen together, two look like a soft one.
@@ -115,9 +103,89 @@ struct Picture<'a> {
     look: &'a Look,
     candidates: &'a [Candidate],
     expect_mm: f64,
+    radius_px: f64,
 }
 
 impl Picture<'_> {
+    /// The best of the candidates, or of the edges about the same centre.
+    fn best(&self) -> Option<Ring> {
+        let mut ragged: Option<Ring> = None;
+        let mut tried = |found: Option<Found>| match found? {
+            Found::Circle(ring) => Some(ring),
+            Found::Ragged(ring) => {
+                if ragged.as_ref().is_none_or(|best| form(&ring) < form(best)) {
+                    ragged = Some(ring);
+                }
+                None
+            }
+        };
+        for (nth, c) in self.likeliest().into_iter().take(TRIES).enumerate() {
+            // From nearby edges are told apart that are one from afar: the one nearer to what is expected is meant.
+            let beside = if nth < CENTERS { self.beside(&c) } else { vec![] };
+            let mut meant: Vec<&Candidate> = beside
+                .iter()
+                .filter(|o| o.step * c.step > 0.0 && self.off(o) < self.off(&c) - NEARER)
+                .collect();
+            meant.sort_by(|a, b| self.off(a).total_cmp(&self.off(b)));
+            let nearer = meant.into_iter().find_map(|o| tried(self.measure(o, &beside)));
+            if nearer.is_some() {
+                return nearer;
+            }
+            let apart = |o: &&Candidate| !one(o, &c, self.look);
+            let neighbours: Vec<Candidate> =
+                self.candidates.iter().chain(beside.iter().filter(apart)).copied().collect();
+            if let Some(ring) = tried(self.measure(&c, &neighbours)) {
+                return Some(ring);
+            }
+        }
+        ragged
+    }
+
+    /// A circle of the expected size about the centre of a clearer one, which hides it from afar.
+    fn hidden(&self) -> Option<Ring> {
+        let mut clearest = self.candidates.to_vec();
+        clearest.sort_by(|a, b| b.score.total_cmp(&a.score));
+        clearest.into_iter().filter(|c| c.coverage > WHOLE).take(CENTERS).find_map(|c| {
+            let clearer = measure_candidate(self.frame, self.view, &c, self.candidates)?;
+            if clearer.arc_coverage < WHOLE || !is_regular(&clearer) || is_faint(&clearer) {
+                return None;
+            }
+            let beside = self.beside(&c);
+            let mut meant: Vec<&Candidate> =
+                beside.iter().filter(|o| self.off(o) < DIAMETER_WINDOW).collect();
+            meant.sort_by(|a, b| self.off(a).total_cmp(&self.off(b)));
+            meant.into_iter().find_map(|o| match self.measure(o, &beside)? {
+                Found::Circle(ring) => Some(ring),
+                Found::Ragged(_) => None,
+            })
+        })
+    }
+
+    /// How far a candidate's radius is from the expected one, as a part of that.
+    fn off(&self, c: &Candidate) -> f64 {
+        (c.circle.radius / self.radius_px - 1.0).abs()
+    }
+
+    /// Candidates in the order in which they are tried: strong ones near the expected radius first.
+    fn likeliest(&self) -> Vec<Candidate> {
+        let mut list = self.candidates.to_vec();
+        let rank = |c: &Candidate| c.score / (1.0 + (self.off(c) / 0.05).powi(2));
+        list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+        list
+    }
+
+    /// Clear edges about a candidate's centre, seen from nearby.
+    fn beside(&self, c: &Candidate) -> Vec<Candidate> {
+        let options = find::Options {
+            least_radius_px: NEIGHBOURS.start * self.radius_px,
+            most_radius_px: NEIGHBOURS.end * self.radius_px,
+            ..options(self.radius_px, 0.0)
+        };
+        let clear = |o: &Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
+        let nearby = find::about(self.frame, c.circle.center, options);
+        told_apart(nearby.into_iter().filter(clear).collect())
+    }
+
     /// A candidate measured, if it is a circle of the expected size.
     fn measure(&self, c: &Candidate, neighbours: &[Candidate]) -> Option<Found> {
         let (rough, search) = around(self.view, c, neighbours);
@@ -150,11 +218,11 @@ impl Picture<'_> {
         {
             return None;
         }
-        let faint = ring.contrast.abs() < FAINT * ring.noise;
+        let faint = is_faint(&ring);
         if faint && is_arc {
             return None;
         }
-        if form(&ring) < REGULAR && !faint {
+        if is_regular(&ring) && !faint {
             return Some(Found::Circle(ring));
         }
         let rivals: Vec<Circle> =
@@ -188,13 +256,14 @@ fn form(ring: &Ring) -> f64 {
     ring.form_rms_mm / ring.circle.radius
 }
 
-/// Candidates in the order in which they are tried: strong ones near the expected radius first.
-fn pick(candidates: &[Candidate], radius_px: f64) -> Vec<Candidate> {
-    let mut list = candidates.to_vec();
-    let rank =
-        |c: &Candidate| c.score / (1.0 + ((c.circle.radius / radius_px - 1.0) / 0.05).powi(2));
-    list.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
-    list
+/// Whether an edge may be texture's.
+fn is_faint(ring: &Ring) -> bool {
+    ring.contrast.abs() < FAINT * ring.noise
+}
+
+/// Whether an edge is as round as a circle's.
+pub(super) fn is_regular(ring: &Ring) -> bool {
+    form(ring) < REGULAR
 }
 
 /// Measures a circle that was found, keeping clear of its concentric neighbours.
