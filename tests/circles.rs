@@ -49,6 +49,20 @@ fn a_small_circle_is_measured() {
     assert!(px.norm() < 0.1, "{px}");
 }
 
+/// The ripples of a soft edge are no edges of their own, near as one may be to the expected diameter.
+#[test]
+fn a_soft_edge_is_one_edge() {
+    let seen = picture(|p| {
+        let out_px = (p - center()).norm() - 92.0;
+        12.0 + 40.0 / (1.0 + (-out_px / 3.5).exp())
+    });
+    for expected_px in [88.0, 90.0, 92.0, 96.0] {
+        let found = circle(&seen, 0.02 * expected_px).unwrap().report.circles[0].circle.clone();
+        let off_mm = found.diameter_mm - 1.84;
+        assert!(off_mm.abs() < 0.004, "{expected_px}: off by {off_mm}");
+    }
+}
+
 /// What wanders about a circle more than an edge does is told.
 #[test]
 fn an_edge_that_is_not_round_is_told() {

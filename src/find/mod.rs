@@ -4,6 +4,7 @@
 //! 2. `votes`: every gradient votes along its line; circles, concentric ones above all, pile up at their centres.
 //! 3. `rays`: rays from each peak tell the radii at which most directions see an edge of the same sense.
 
+mod crests;
 mod look;
 mod rays;
 mod standing;

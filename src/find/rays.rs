@@ -8,13 +8,13 @@ use crate::fit::Circle;
 use crate::fit::circle;
 
 /// Directions looked into.
-const RAYS: usize = 64;
+pub(super) const RAYS: usize = 64;
 /// Circles taken from one centre and scale.
-const CIRCLES: usize = 8;
+pub(super) const CIRCLES: usize = 8;
 
 /// Slopes along rays: those of all rays at one radius, then at the next; NaN outside the picture.
-struct Rays {
-    slope: Vec<[f32; RAYS]>,
+pub(super) struct Rays {
+    pub(super) slope: Vec<[f32; RAYS]>,
 }
 
 /// A circle that rays from a centre suggest, in reduced pixels.
@@ -160,36 +160,6 @@ impl Rays {
                 }
             })
             .collect()
-    }
-
-    /// Slopes as a part of the steepest, radii and senses where the mean slope of all directions is steepest: the rays' centre is the
-    /// edges'.
-    fn crests(&self, near: f64, far: f64) -> Vec<(f64, f64, f64)> {
-        /// Of the steepest slope.
-        const LEAST: f64 = 0.1;
-        let mean = |slopes: &[f32; RAYS]| {
-            let (mut sum, mut n) = (0.0f32, 0.0f32);
-            for v in slopes.iter().filter(|v| !v.is_nan()) {
-                (sum, n) = (sum + v, n + 1.0);
-            }
-            if n >= 0.15 * RAYS as f32 { f64::from(sum / n) } else { 0.0 }
-        };
-        let means: Vec<f64> = self.slope.iter().map(mean).collect();
-        let inside = |r: &usize| (near..=far).contains(&(*r as f64));
-        let steepest = (0..means.len()).filter(inside).map(|r| means[r].abs()).fold(0.0, f64::max);
-        let mut list: Vec<(f64, f64, f64)> = (1..means.len() - 1)
-            .filter(inside)
-            .filter(|&r| {
-                let along = |i: usize| means[i] * means[r].signum();
-                means[r].abs() > LEAST * steepest
-                    && along(r) >= along(r - 1)
-                    && along(r) > along(r + 1)
-            })
-            .map(|r| (means[r].abs() / steepest, r as f64, means[r].signum()))
-            .collect();
-        list.sort_by(|a, b| b.0.total_cmp(&a.0));
-        list.truncate(CIRCLES);
-        list
     }
 
     /// Agreements, radii and senses at which edges agree over the directions.
