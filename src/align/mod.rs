@@ -5,6 +5,7 @@
 pub mod apply;
 pub mod cl;
 pub mod fit;
+mod mover;
 pub mod nc;
 pub mod post;
 

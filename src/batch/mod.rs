@@ -4,6 +4,7 @@
 //! A batch's folder holds `batch.json` (what was asked), `results.jsonl` (a line a picture, written as results
 //! come, sorted at the end), `results.csv`, `results.parquet`, `summary.json`, and `overlays` where the job asks for them.
 
+mod folder;
 pub mod input;
 pub mod job;
 pub mod journal;
@@ -26,8 +27,9 @@ pub use job::Job;
 pub use run::{Measured, Progress, Statistics};
 
 use crate::error::{Error, Result};
-use crate::output::{create_folder, identity, write_streamed, write_whole};
+use crate::output::{create_folder, write_streamed};
 use crate::uncertainty::Verdict;
+use folder::{claim, keep_apart};
 use journal::{Entry, Journal};
 use watch::State;
 
@@ -192,63 +194,6 @@ fn run_with(
         sink.flush().map_err(|e| Error::io(out, "write", e))
     })?;
     Ok(summary)
-}
-
-/// Refuses a folder for results in which they would replace what is measured, or be measured themselves later.
-fn keep_apart(out: &Path, items: &[Item]) -> Result<()> {
-    let here = identity(out);
-    let own = |item: &&Item| {
-        let place = identity(&item.path);
-        let folder = place.parent().unwrap_or(Path::new(""));
-        folder == here && FILES.iter().any(|f| place.file_name().is_some_and(|n| n == *f))
-            || folder == here.join(run::OVERLAYS)
-    };
-    match items.iter().find(own) {
-        None => Ok(()),
-        Some(item) => Err(Error::option(
-            "--out",
-            format!("the results would be written where '{}' is", item.path.display()),
-            "name another folder",
-        )),
-    }
-}
-
-/// What a batch writes into its folder.
-const FILES: [&str; 5] =
-    ["batch.json", "results.jsonl", "results.csv", "results.parquet", "summary.json"];
-
-/// Refuses to mix results of different jobs, and to touch results nobody asked to go on with.
-fn claim(options: &Options, identity: &Value) -> Result<()> {
-    let path = options.out.join("batch.json");
-    let Ok(old) = std::fs::read(&path) else {
-        return write_whole(&path, format!("{identity:#}\n").as_bytes());
-    };
-    if !options.resume {
-        return Err(Error::file(
-            &options.out,
-            "holds a batch already",
-            "add --resume to go on with it, or choose another --out",
-        ));
-    }
-    let old: Value = serde_json::from_slice(&old).map_err(|e| {
-        Error::file(&path, format!("is damaged ({e})"), "start again in another --out")
-    })?;
-    let same = |key: &str| old.get(key) == identity.get(key);
-    for (key, what) in [
-        ("version", "the program's version"),
-        ("input", "the input"),
-        ("calib_sha256", "the calibration"),
-        ("job", "the job"),
-    ] {
-        if !same(key) {
-            return Err(Error::file(
-                &options.out,
-                format!("{what} is not the one this batch was begun with"),
-                "go on with the same one, or start again in another --out",
-            ));
-        }
-    }
-    Ok(())
 }
 
 /// The rows of a finished batch, in order.

@@ -6,6 +6,7 @@ pub mod plan;
 pub mod report;
 mod session;
 mod session_file;
+mod session_reader;
 pub mod solve;
 pub mod sweep;
 pub mod verify;

@@ -1,0 +1,380 @@
+//! From a session file to the numbers to solve: checks, defaults, results of other files.
+
+use std::path::Path;
+
+use crate::error::{Error, Result};
+use crate::input;
+use crate::machine::{Head, Machine, Table};
+use crate::rtcp::session::{Limit, Session};
+use crate::rtcp::session_file::{Burn, BurnResult, Control, File, Rod, RodResult, Touch};
+use crate::rtcp::solve::Readings;
+use crate::uncertainty::{K95, Measured};
+use crate::units;
+
+/// Standard uncertainty taken for a length whose own is not given, mm.
+const DEFAULT_U_MM: f64 = 0.005;
+
+/// What is known of the rod.
+struct RodSeen {
+    axis_center_mm: [Measured; 2],
+    axis_from_seen_mm: Measured,
+    rod_offset_mm: Measured,
+    diameter_mm: Measured,
+}
+
+/// Turns the file into numbers, noting what had to be assumed.
+pub(super) struct Reader<'a> {
+    pub(super) path: &'a Path,
+    pub(super) warnings: Vec<String>,
+}
+
+impl Reader<'_> {
+    pub(super) fn session(&mut self, file: File) -> Result<Session> {
+        if let Some(schema) = file.schema.filter(|&s| s != 1) {
+            let reason = format!("is {schema}, this program reads 1");
+            return Err(self.wrong("schema", reason, "use a matching version"));
+        }
+        if file.c_sense.abs() != 1 {
+            return Err(self.wrong("c_sense", format!("is {}", file.c_sense), "write 1 or -1"));
+        }
+        let mut limits = Vec::new();
+        let b_zero_u_rad = self.b_zero(file.burn.as_ref(), &file.touch, &mut limits)?;
+        let indicator = file.checks.indicator_u_mm;
+        self.uncertainty("checks.tolerance_mm", file.checks.tolerance_mm)?;
+        for (what, key, value) in [
+            ("rod parallel to Z", "checks.rod_parallel_mm", file.checks.rod_parallel_mm),
+            ("rod run-out over a turn of C", "checks.rod_runout_mm", file.checks.rod_runout_mm),
+        ] {
+            match value {
+                Some(value) => {
+                    let value = Measured {
+                        value: self.uncertainty(key, value)?,
+                        u: self.uncertainty("checks.indicator_u_mm", indicator)?,
+                    };
+                    limits.push(Limit::new("S2", what, value, file.checks.tolerance_mm));
+                }
+                None => self.warnings.push(format!("S2: {what} is not in [checks]: not checked")),
+            }
+        }
+        let readings = self.readings(&file, b_zero_u_rad)?;
+        let standoff_mm = Measured {
+            value: self.length("head.standoff_mm", file.head.standoff_mm)?,
+            u: self.uncertainty("head.standoff_u_mm", file.head.standoff_u_mm)?,
+        };
+        let control = file.control.as_ref().map(|c| self.control(c, file.c_sense)).transpose()?;
+        Ok(Session {
+            name: file.name,
+            c_sense: file.c_sense,
+            readings,
+            standoff_mm,
+            limits,
+            control,
+            warnings: Vec::new(),
+            files: Vec::new(),
+        })
+    }
+
+    /// How well B's zero is known, from the burn test or as given.
+    fn b_zero(
+        &mut self,
+        burn: Option<&Burn>,
+        touch: &Touch,
+        limits: &mut Vec<Limit>,
+    ) -> Result<f64> {
+        let mut from_burn = None;
+        if let Some(burn) = burn {
+            let [x, y] = self.burn_offset(burn)?;
+            let distance = x.value.hypot(y.value);
+            let along =
+                if distance > 0.0 { [x.value / distance, y.value / distance] } else { [1.0, 0.0] };
+            let u = (along[0] * x.u).hypot(along[1] * y.u);
+            let value = Measured { value: distance, u };
+            limits.push(Limit::new(
+                "S1",
+                "concentricity of ring and spot",
+                value,
+                burn.tolerance_mm,
+            ));
+            let height = burn.ring_height_mm - burn.spot_height_mm;
+            if !(height.is_finite() && height > 0.0) {
+                let fix = "give ring_height_mm above spot_height_mm, in mm";
+                return Err(self.wrong("burn", "the ring is not burnt higher than the spot", fix));
+            }
+            self.warnings.extend(units::height("burn.ring_height_mm", burn.ring_height_mm));
+            if !(1.0..=5.0).contains(&burn.spot_height_mm) {
+                self.warnings.push(format!(
+                    "S1: the spot was burnt at {} mm, the method asks for 1 to 5 mm",
+                    burn.spot_height_mm
+                ));
+            }
+            // What is left of the tilt is not corrected, so it counts as uncertainty.
+            from_burn = Some((x.value.hypot(x.u) / height).atan());
+        }
+        match (touch.b_zero_u_deg, from_burn) {
+            (Some(u), _) => Ok(self.uncertainty("touch.b_zero_u_deg", u)?.to_radians()),
+            (None, Some(u)) => Ok(u),
+            (None, None) => {
+                self.warnings.push(
+                    "S1: no [burn] and no touch.b_zero_u_deg: B's zero is taken as good to 0.01 mm in 47 mm".into(),
+                );
+                // Anywhere within the limit alike.
+                Ok((0.01_f64 / 47.0).atan() / 3f64.sqrt())
+            }
+        }
+    }
+
+    fn burn_offset(&self, burn: &Burn) -> Result<[Measured; 2]> {
+        let (offset, u) = match (&burn.result, burn.offset_mm) {
+            (Some(file), None) => {
+                let mut json: serde_json::Value = self.json(file)?;
+                // Several pictures: the last one is the test that ended the adjusting.
+                if let Some(last) = json.get_mut("results").and_then(|r| r.as_array_mut()?.pop()) {
+                    json = last;
+                }
+                let result: BurnResult = self.shape(file, json)?;
+                (result.offset_mm, result.offset_u95_mm.map(|u| u / K95))
+            }
+            (None, Some(offset)) => {
+                (offset, burn.offset_u_mm.map_or([0.001; 2], super::session_file::OneOrTwo::pair))
+            }
+            _ => {
+                let reason = "needs either result or offset_mm";
+                return Err(self.wrong(
+                    "burn",
+                    reason,
+                    "give result = \"burn.json\" or offset_mm = [x, y]",
+                ));
+            }
+        };
+        let axis = |i: usize| -> Result<Measured> {
+            Ok(Measured {
+                value: self.length("burn.offset_mm", offset[i])?,
+                u: self.uncertainty("burn.offset_u_mm", u[i])?,
+            })
+        };
+        Ok([axis(0)?, axis(1)?])
+    }
+
+    fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {
+        let touch = &file.touch;
+        let RodSeen { axis_center_mm, axis_from_seen_mm, rod_offset_mm, diameter_mm } =
+            self.rod(&file.rod, touch.c_deg, file.checks.rod_runout_mm)?;
+        let rim = touch.nozzle_rim_radius_mm.unwrap_or_else(|| {
+            self.warnings.push(
+                "touch.nozzle_rim_radius_mm is not given: a nozzle not square to the rod is taken to touch with its middle"
+                    .into(),
+            );
+            0.0
+        });
+        let check_touch = match touch.x45_mm {
+            Some(x) => {
+                let b = self.angle("touch.b45_deg", touch.b45_deg)?;
+                Some((b, self.given("touch.x45", Some(x), touch.x45_u_mm)?))
+            }
+            None => None,
+        };
+        Ok(Readings {
+            axis_center_mm,
+            axis_from_seen_mm,
+            rod_offset_mm,
+            diameter_mm,
+            x1_mm: self.given("touch.x1", Some(touch.x1_mm), touch.x1_u_mm)?,
+            x2_mm: self.given("touch.x2", Some(touch.x2_mm), touch.x2_u_mm)?,
+            z_table_mm: self.given("touch.z_table", Some(touch.z_table_mm), touch.z_table_u_mm)?,
+            b1_rad: self.angle("touch.b1_deg", touch.b1_deg)?,
+            b2_rad: self.angle("touch.b2_deg", touch.b2_deg)?,
+            check_touch,
+            b_zero_u_rad,
+            b_position_u_rad: self
+                .uncertainty("touch.b_position_u_deg", touch.b_position_u_deg)?
+                .to_radians(),
+            nozzle_rim_radius_mm: self.uncertainty("touch.nozzle_rim_radius_mm", rim)?,
+        })
+    }
+
+    /// The C axis, the rod's centre off it along X during the touches, and the rod's diameter.
+    fn rod(
+        &mut self,
+        rod: &Rod,
+        touch_c_deg: Option<f64>,
+        runout_mm: Option<f64>,
+    ) -> Result<RodSeen> {
+        let mut eccentricity = match rod.eccentricity_mm {
+            Some(e) => Some(self.uncertainty("rod.eccentricity_mm", e)?),
+            None => None,
+        };
+        let mut offset = None;
+        // A centre with an eccentricity beside it is the rod's, as is one seen at one C angle.
+        let mut is_rods = rod.result.is_none() && eccentricity.is_some();
+        let (center, u, diameter) = match (&rod.result, rod.center_mm) {
+            (Some(file), None) => {
+                let json = self.json(file)?;
+                let result: RodResult = self.shape(file, json)?;
+                self.warnings.extend(result.warnings.iter().map(|w| format!("S2, rod: {w}")));
+                let nearest = touch_c_deg.and_then(|c| {
+                    result
+                        .rod_centers
+                        .iter()
+                        .find(|r| ((r.c_deg - c + 180.0).rem_euclid(360.0) - 180.0).abs() < 0.5)
+                });
+                offset = nearest.map(|r| Measured {
+                    value: r.center_mm[0] - result.axis_center_mm[0],
+                    u: r.center_u95_mm.pair()[0] / K95,
+                });
+                is_rods = result.axis_separated == Some(false);
+                if result.rod_centers.len() > 1 {
+                    eccentricity = eccentricity.or(result.eccentricity_mm);
+                }
+                let measured = result.diameter_mm.map(|value| Measured {
+                    value,
+                    u: result.diameter_u95_mm.map_or(DEFAULT_U_MM, |u| u / K95),
+                });
+                (result.axis_center_mm, result.axis_center_u95_mm.pair().map(|u| u / K95), measured)
+            }
+            (None, Some(center)) => {
+                let u =
+                    rod.center_u_mm.map(super::session_file::OneOrTwo::pair).unwrap_or_else(|| {
+                        self.assumed("rod.center");
+                        [DEFAULT_U_MM; 2]
+                    });
+                (center, u, None)
+            }
+            _ => {
+                let reason = "needs either result or center_mm";
+                return Err(self.wrong(
+                    "rod",
+                    reason,
+                    "give result = \"rod.json\" or center_mm = [x, y]",
+                ));
+            }
+        };
+        let mut axis = [Measured::default(); 2];
+        for i in 0..2 {
+            axis[i].value = self.length("rod.center_mm", center[i])?;
+            axis[i].u = self.uncertainty("rod.center_u_mm", u[i])?;
+        }
+        let diameter = match (rod.diameter_mm, diameter) {
+            (given @ Some(_), measured) => {
+                let given = self.given("rod.diameter", given, rod.diameter_u_mm)?;
+                if let Some(m) = measured
+                    && (m.value - given.value).abs() > 3.0 * m.u.hypot(given.u)
+                {
+                    self.warnings.push(format!(
+                        "the camera measures a diameter of {:.4} mm, diameter_mm says {:.4} mm: is it the same rod?",
+                        m.value, given.value
+                    ));
+                }
+                given
+            }
+            (None, Some(measured)) => measured,
+            (None, None) => {
+                let reason = "is missing";
+                return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
+            }
+        };
+        if diameter.value <= 0.0 {
+            let reason = format!("is {}", diameter.value);
+            return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
+        }
+        // Where its angle is not known a rod's centre may lie anywhere on its small circle.
+        let e = eccentricity.or(runout_mm.map(|r| r / 2.0)).unwrap_or(0.0);
+        let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
+        Ok(RodSeen {
+            axis_center_mm: axis,
+            axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
+            rod_offset_mm: offset.unwrap_or(anywhere),
+            diameter_mm: diameter,
+        })
+    }
+
+    /// The machine as the control holds it now; what is not given is taken as zero.
+    fn control(&self, control: &Control, c_sense: i32) -> Result<Machine> {
+        let Control { machine, delta_x_mm, r_mm, xc_mm, yc_mm, zc_mm } = control;
+        let mut now = match machine {
+            Some(file) => Machine::read(self.beside(file))?,
+            None if r_mm.is_none() => {
+                let fix = "give machine = \"old.toml\" or delta_x_mm and r_mm";
+                return Err(self.wrong("control", "holds no r_mm", fix));
+            }
+            None => {
+                Machine { c_sense, ..Machine::head_b_table_c(Head::default(), Table::default()) }
+            }
+        };
+        for (place, value) in [
+            (&mut now.head.delta_x_mm, delta_x_mm),
+            (&mut now.head.r_mm, r_mm),
+            (&mut now.table.xc_mm, xc_mm),
+            (&mut now.table.yc_mm, yc_mm),
+            (&mut now.table.zc_mm, zc_mm),
+        ] {
+            if let Some(value) = value {
+                *place = self.length("control", *value)?;
+            }
+        }
+        Ok(now)
+    }
+
+    fn given(&mut self, key: &str, value: Option<f64>, u: Option<f64>) -> Result<Measured> {
+        let value = self.length(&format!("{key}_mm"), value.unwrap_or(f64::NAN))?;
+        let u = u.unwrap_or_else(|| {
+            self.assumed(key);
+            DEFAULT_U_MM
+        });
+        Ok(Measured { value, u: self.uncertainty(&format!("{key}_u_mm"), u)? })
+    }
+
+    fn assumed(&mut self, key: &str) {
+        self.warnings.push(format!("{key}_u_mm is not given: {DEFAULT_U_MM} mm is taken"));
+    }
+
+    fn length(&self, key: &str, value: f64) -> Result<f64> {
+        let usable = value.is_finite() && value.abs() < 1e6;
+        let fail = || self.wrong(key, format!("is {value}"), "give a finite length in mm");
+        usable.then_some(value).ok_or_else(fail)
+    }
+
+    fn uncertainty(&self, key: &str, value: f64) -> Result<f64> {
+        let fail = || self.wrong(key, format!("is {value}"), "give a finite number, zero or more");
+        (value.is_finite() && value >= 0.0).then_some(value).ok_or_else(fail)
+    }
+
+    fn angle(&self, key: &str, value: f64) -> Result<f64> {
+        let fail = || self.wrong(key, format!("is {value}"), "give an angle in degrees");
+        (value.is_finite() && value.abs() <= 180.0).then_some(value.to_radians()).ok_or_else(fail)
+    }
+
+    fn wrong(&self, key: &str, reason: impl Into<String>, fix: &str) -> Error {
+        Error::field(self.path, None, key, reason, fix)
+    }
+
+    /// A path in the file is seen from the file's folder.
+    pub(super) fn beside(&self, file: &Path) -> std::path::PathBuf {
+        self.path.parent().map_or_else(|| file.to_owned(), |folder| folder.join(file))
+    }
+
+    fn json(&self, file: &Path) -> Result<serde_json::Value> {
+        let path = self.beside(file);
+        let text = input::text(&path, input::MOST_SETTINGS)?;
+        serde_json::from_str(&text).map_err(|e| {
+            Error::file(
+                &path,
+                format!("is not JSON ({e})"),
+                "write it with --format json --out FILE",
+            )
+        })
+    }
+
+    fn shape<T: serde::de::DeserializeOwned>(
+        &self,
+        file: &Path,
+        json: serde_json::Value,
+    ) -> Result<T> {
+        serde_json::from_value(json).map_err(|e| {
+            Error::file(
+                self.beside(file),
+                format!("is not the expected result ({e})"),
+                "write it with --format json --out FILE",
+            )
+        })
+    }
+}
