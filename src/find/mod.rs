@@ -18,7 +18,7 @@ pub(crate) use votes::vote;
 use nalgebra::Vector2;
 
 use crate::fit::Circle;
-use crate::frame::Frame;
+use crate::frame::{Frame, MOST_JOINED};
 
 /// What to look for.
 #[derive(Debug, Clone, Copy)]
@@ -135,9 +135,12 @@ pub fn look(frame: &Frame) -> Look {
     Look::new(frame, look::BLURS.len())
 }
 
-/// The same reduced by a given factor, for circles that are too small in the other.
+/// The same reduced by about a given factor, for circles that are too small in the other.
 pub fn look_reduced(frame: &Frame, factor: usize) -> Look {
-    Look::reduced_by(factor, frame, look::BLURS.len())
+    /// Reduced pixels at most: memory is a few times as many numbers.
+    const MOST_PX: f64 = 2e6;
+    let least = ((frame.width() * frame.height()) as f64 / MOST_PX).sqrt().ceil() as usize;
+    Look::reduced_by(factor.max(least).clamp(1, MOST_JOINED), frame, look::BLURS.len())
 }
 
 #[cfg(test)]

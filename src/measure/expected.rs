@@ -60,7 +60,7 @@ pub(super) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -
     let small = || {
         let small = radius_px < LEAST_SEEN * look.factor as f64;
         let factor = (radius_px / LEAST_SEEN) as usize;
-        small.then(|| find::look_reduced(frame, factor.max(1)))
+        small.then(|| find::look_reduced(frame, factor)).filter(|l| l.factor < look.factor)
     };
     seen(look).or_else(hidden).or_else(|| seen(&small()?))
 }
