@@ -197,6 +197,10 @@ fn is_free(e: &ExtraTerm) -> bool {
 /// What the coefficients of a model's free functions cost, nats. Their likelihood alone would hold them against any name.
 fn free_price(fitter: &Fitter, f: &Fitted) -> f64 {
     let free = (0..f.model.extras.len()).filter(|i| is_free(&f.model.extras[*i]));
-    let score = |i| without(fitter, f, &[Part::Extra(i)]).1;
-    free.filter_map(score).map(|s| 0.5 * s.chi2 - s.evidence).sum()
+    free.map(|i| price(fitter, f, Part::Extra(i))).sum()
+}
+
+/// What a part's parameters and its choice cost, nats.
+pub(super) fn price(fitter: &Fitter, f: &Fitted, part: Part) -> f64 {
+    without(fitter, f, &[part]).1.map_or(0.0, |s| 0.5 * s.chi2 - s.evidence)
 }

@@ -1,5 +1,6 @@
 //! Diagnosis: where simulation and measurement part, what is missing, and the gap closing.
 
+mod again;
 mod algebra;
 pub mod classes;
 pub mod data;

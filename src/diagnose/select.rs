@@ -52,6 +52,8 @@ pub struct Selection {
     pub library_tests: f64,
     /// Independent tests the dictionary amounts to.
     pub generic_tests: f64,
+    /// Whether shapes without a name may be added.
+    pub(super) shapes: bool,
 }
 
 /// Runs the selection.
@@ -63,24 +65,38 @@ pub fn select(fitter: &Fitter) -> Selection {
     let library_tests = effective_tests(fitter, &baseline, &standing, &library);
     let generic_tests = (0.6 * generic.candidates.len() as f64).max(1.0);
     let fitted = baseline.clone();
-    let mut s = Selection { baseline, fitted, library, generic, library_tests, generic_tests };
-    let mut tried: Vec<Model> = Vec::new();
-    for _ in 0..MOST_PARTS {
-        let Some(next) = s.next(fitter) else { break };
-        if tried.iter().any(|t| t.has_same_parts(&next)) {
-            // What it added was dropped again after the joint fit, and would be for ever.
-            break;
-        }
-        tried.push(next.clone());
-        s.fitted = fitter.fit(next, Some(&s.fitted.noise));
-        s.exchange(fitter);
-        s.uncover(fitter);
-        s.drop_weak(fitter);
-    }
+    let mut s = Selection {
+        baseline,
+        fitted,
+        library,
+        generic,
+        library_tests,
+        generic_tests,
+        shapes: true,
+    };
+    s.grow(fitter);
+    s.grow_again(fitter);
     s
 }
 
 impl Selection {
+    /// Adds part after part, each time with second thoughts about all.
+    pub(super) fn grow(&mut self, fitter: &Fitter) {
+        let mut tried: Vec<Model> = Vec::new();
+        for _ in 0..MOST_PARTS {
+            let Some(next) = self.next(fitter) else { break };
+            if tried.iter().any(|t| t.has_same_parts(&next)) {
+                // What it added was dropped again after the joint fit, and would be for ever.
+                break;
+            }
+            tried.push(next.clone());
+            self.fitted = fitter.fit(next, Some(&self.fitted.noise));
+            self.exchange(fitter);
+            self.uncover(fitter);
+            self.drop_weak(fitter);
+        }
+    }
+
     /// The model with the most convincing addition, if there is one.
     fn next(&self, fitter: &Fitter) -> Option<Model> {
         let f = &self.fitted;
@@ -221,6 +237,9 @@ impl Selection {
         standing: &Standing,
         f: &Fitted,
     ) -> Option<(Who, Score)> {
+        if !self.shapes {
+            return None;
+        }
         let layout = fitter.experiment.layout();
         let mut scores = standing.scores(fitter, f, &self.generic);
         scores.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));

@@ -24,8 +24,10 @@ impl Rays {
         let (means, errors): (Vec<f64>, Vec<f64>) = self.slope.iter().map(mean).unzip();
         let inside = |r: &usize| (near..=far).contains(&(*r as f64));
         let steepest = (0..means.len()).filter(inside).map(|r| means[r].abs()).fold(0.0, f64::max);
+        let means = &means;
+        let along = |r: usize| move |i: usize| means[i] * means[r].signum();
         let stands_clear = |r: usize| {
-            let along = |i: usize| means[i] * means[r].signum();
+            let along = along(r);
             let height = along(r);
             // How far down it goes before it comes up higher.
             let dip = |way: &mut dyn Iterator<Item = usize>| {
@@ -44,7 +46,7 @@ impl Rays {
         let mut list: Vec<(f64, f64, f64)> = (1..means.len() - 1)
             .filter(inside)
             .filter(|&r| {
-                let along = |i: usize| means[i] * means[r].signum();
+                let along = along(r);
                 means[r].abs() > LEAST * steepest
                     && along(r) >= along(r - 1)
                     && along(r) > along(r + 1)

@@ -7,18 +7,18 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::calib::register::Patch;
 use crate::camera::View;
-use crate::find::{self, Candidate};
+use crate::find::{self, Candidate, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::live::center::Options;
-use crate::measure::expected::around;
+use crate::measure::expected;
 use crate::measure::points::Search;
 use crate::measure::ring::{self, Ring};
 use crate::measure::rod;
 use crate::uncertainty::K95;
 
-/// A circle is looked for within this share of its expected diameter.
-const DIAMETER_WINDOW: f64 = 0.12;
+/// Circles of a frame that are tried where no diameter is given.
+const TRIES: usize = 4;
 /// Standard uncertainty of a given diameter: what the tolerance of a turned or ground part leaves.
 const DIAMETER_U_MM: f64 = 0.02;
 /// How far the edge may shift from where it was measured in full, px: the lens' and the plane's mapping hardly differ there.
@@ -85,37 +85,30 @@ impl Tracker {
         same.then_some((ring, search))
     }
 
-    /// Anywhere in the frame, and a little outside where an arc is seen of a larger rim.
+    /// Anywhere in the frame: of the given diameter, or of whichever size it shows best.
     fn find(&self, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
         let look = find::look(frame);
+        if let Some(diameter_mm) = self.options.diameter_mm {
+            return expected::measure(frame, view, &look, diameter_mm);
+        }
         let side = frame.width().max(frame.height()) as f64;
-        let expected = self.options.diameter_mm.map(|d| 0.5 * d / view.pixel_mm());
-        let (least, most) = match expected {
-            Some(r) => (r * (1.0 - DIAMETER_WINDOW), r * (1.0 + DIAMETER_WINDOW)),
-            None => (0.02 * side, 0.6 * side),
-        };
-        let candidates = find::circles(
+        let mut shown = find::circles(
             &look,
             find::Options {
-                least_radius_px: least,
-                most_radius_px: most,
+                least_radius_px: 0.02 * side,
+                most_radius_px: 0.6 * side,
                 near: None,
-                least_coverage: if expected.is_some() { 0.1 } else { 0.35 },
+                least_coverage: 0.35,
                 centers: 8,
                 known: &[],
             },
         );
-        let rank = |c: &Candidate| {
-            let off = expected.map_or(0.0, |r| (c.circle.radius / r - 1.0) / 0.05);
-            c.score * c.circle.radius.sqrt() / (1.0 + off * off)
-        };
-        let mut order = candidates.clone();
-        order.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
-        order.iter().take(4).find_map(|c| {
-            let (rough, search) = around(view, c, &candidates);
-            let ring = ring::measure(frame, view, rough, search, None)?;
-            let off = self.options.diameter_mm.map_or(0.0, |d| 2.0 * ring.circle.radius / d - 1.0);
-            (off.abs() < DIAMETER_WINDOW).then_some((ring, search))
+        let rank = |c: &Candidate| c.score * c.circle.radius.sqrt();
+        shown.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
+        let stands_out =
+            |c: &&Candidate| find::stands_out(&look, c, Sides::Edge, &[]) != Some(false);
+        shown.iter().take(TRIES).filter(stands_out).find_map(|c| {
+            expected::measure(frame, view, &look, 2.0 * c.circle.radius * view.pixel_mm())
         })
     }
 

@@ -14,6 +14,7 @@ mod chain;
 mod error_model;
 mod figure;
 mod file;
+mod file_check;
 mod inverse;
 mod screw;
 

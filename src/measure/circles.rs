@@ -150,7 +150,7 @@ fn in_frame(
                 "check the unit (mm) and the calibration's scale",
             ));
         }
-        let ring = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
+        let (ring, _) = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
             Error::measure(
                 subject,
                 format!(

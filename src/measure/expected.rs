@@ -4,7 +4,7 @@ use crate::camera::View;
 use crate::find::{self, Candidate, ITSELF, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::points::Search;
+use crate::measure::points::{Points, Search};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
 
@@ -46,8 +46,9 @@ const WIDE_WINDOW: f64 = 0.4;
 /// Pixels of a reduced picture that a circle's radius should have: a smaller one is looked for in one reduced less.
 const LEAST_SEEN: f64 = 5.0;
 
-/// The circle of about `expect_mm` diameter that the picture shows best; `None` where it shows none.
-pub(super) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -> Option<Ring> {
+/// The circle of about `expect_mm` diameter that the picture shows best, and where its edge was looked for; `None` where it shows
+/// none.
+pub(crate) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -> Option<Measured> {
     let radius_px = 0.5 * expect_mm / view.pixel_mm();
     let seen = |look: &Look| {
         let candidates = find::circles(look, options(radius_px, DIAMETER_WINDOW));
@@ -89,11 +90,14 @@ fn told_apart(mut edges: Vec<Candidate>) -> Vec<Candidate> {
     edges
 }
 
+/// A circle, and where its edge was looked for.
+pub(crate) type Measured = (Ring, Search);
+
 /// What a candidate led to.
 enum Found {
-    Circle(Ring),
+    Circle(Measured),
     /// Perhaps a poor part's edge; anything better is preferred.
-    Ragged(Ring),
+    Ragged(Measured),
 }
 
 /// Where a circle is looked for.
@@ -108,13 +112,13 @@ struct Picture<'a> {
 
 impl Picture<'_> {
     /// The best of the candidates, or of the edges about the same centre.
-    fn best(&self) -> Option<Ring> {
-        let mut ragged: Option<Ring> = None;
+    fn best(&self) -> Option<Measured> {
+        let mut ragged: Option<Measured> = None;
         let mut tried = |found: Option<Found>| match found? {
-            Found::Circle(ring) => Some(ring),
-            Found::Ragged(ring) => {
-                if ragged.as_ref().is_none_or(|best| form(&ring) < form(best)) {
-                    ragged = Some(ring);
+            Found::Circle(circle) => Some(circle),
+            Found::Ragged(circle) => {
+                if ragged.as_ref().is_none_or(|best| form(&circle.0) < form(&best.0)) {
+                    ragged = Some(circle);
                 }
                 None
             }
@@ -134,15 +138,15 @@ impl Picture<'_> {
             let apart = |o: &&Candidate| !one(o, &c, self.look);
             let neighbours: Vec<Candidate> =
                 self.candidates.iter().chain(beside.iter().filter(apart)).copied().collect();
-            if let Some(ring) = tried(self.measure(&c, &neighbours)) {
-                return Some(ring);
+            if let Some(circle) = tried(self.measure(&c, &neighbours)) {
+                return Some(circle);
             }
         }
         ragged
     }
 
     /// A circle of the expected size about the centre of a clearer one, which hides it from afar.
-    fn hidden(&self) -> Option<Ring> {
+    fn hidden(&self) -> Option<Measured> {
         let mut clearest = self.candidates.to_vec();
         clearest.sort_by(|a, b| b.score.total_cmp(&a.score));
         clearest.into_iter().filter(|c| c.coverage > WHOLE).take(CENTERS).find_map(|c| {
@@ -155,7 +159,7 @@ impl Picture<'_> {
                 beside.iter().filter(|o| self.off(o) < DIAMETER_WINDOW).collect();
             meant.sort_by(|a, b| self.off(a).total_cmp(&self.off(b)));
             meant.into_iter().find_map(|o| match self.measure(o, &beside)? {
-                Found::Circle(ring) => Some(ring),
+                Found::Circle(circle) => Some(circle),
                 Found::Ragged(_) => None,
             })
         })
@@ -189,23 +193,33 @@ impl Picture<'_> {
     /// A candidate measured, if it is a circle of the expected size.
     fn measure(&self, c: &Candidate, neighbours: &[Candidate]) -> Option<Found> {
         let (rough, search) = around(self.view, c, neighbours);
-        let look = |search| ring::measure(self.frame, self.view, rough, search, None);
-        let judge = |ring: Ring| self.judge(c, ring);
+        // What neither stands out nor is clear at the first glance will not be found to be a circle.
+        let stands_out = self.stands_out(c);
+        let worth = |points: &Points| stands_out || points.clarity() >= FAINT;
+        let look = |search| ring::measure_if(self.frame, self.view, rough, search, None, &worth);
         let ring = look(search)?;
         let astray = |ring: &Ring| ring.circle.apart(&rough) > ASTRAY * rough.radius;
         if astray(&ring) {
             let nearer = NEARBY.iter().find_map(|softnesses| {
-                look(search.nearby(*softnesses)).filter(|r| !astray(r)).and_then(judge)
+                let search = search.nearby(*softnesses);
+                look(search).filter(|r| !astray(r)).and_then(|r| self.judge(c, r, search))
             });
             if nearer.is_some() {
                 return nearer;
             }
         }
-        judge(ring)
+        self.judge(c, ring, search)
+    }
+
+    /// Whether a candidate stands out from its surface, as far as that can be told.
+    fn stands_out(&self, c: &Candidate) -> bool {
+        let rivals: Vec<Circle> =
+            self.candidates.iter().filter(|o| rivals(o, c)).map(|o| o.circle).collect();
+        find::stands_out(self.look, c, Sides::Edge, &rivals) != Some(false)
     }
 
     /// Whether what was measured is a circle of the expected size.
-    fn judge(&self, c: &Candidate, ring: Ring) -> Option<Found> {
+    fn judge(&self, c: &Candidate, ring: Ring, search: Search) -> Option<Found> {
         let ring = ring.perhaps_soft();
         let is_arc = ring.arc_coverage < WHOLE;
         let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
@@ -223,18 +237,16 @@ impl Picture<'_> {
             return None;
         }
         if is_regular(&ring) && !faint {
-            return Some(Found::Circle(ring));
+            return Some(Found::Circle((ring, search)));
         }
-        let rivals: Vec<Circle> =
-            self.candidates.iter().filter(|o| rivals(o, c)).map(|o| o.circle).collect();
-        if find::stands_out(self.look, c, Sides::Edge, &rivals) == Some(false) {
+        if !self.stands_out(c) {
             return None;
         }
         if form(&ring) < if faint { REGULAR } else { RAGGED } {
-            return Some(Found::Circle(ring));
+            return Some(Found::Circle((ring, search)));
         }
         let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc;
-        poor.then_some(Found::Ragged(ring))
+        poor.then_some(Found::Ragged((ring, search)))
     }
 }
 
@@ -267,7 +279,7 @@ pub(super) fn is_regular(ring: &Ring) -> bool {
 }
 
 /// Measures a circle that was found, keeping clear of its concentric neighbours.
-pub(crate) fn measure_candidate(
+pub(super) fn measure_candidate(
     frame: &Frame,
     view: &View,
     candidate: &Candidate,
@@ -278,7 +290,7 @@ pub(crate) fn measure_candidate(
 }
 
 /// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.
-pub(crate) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
+pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
     let c = candidate.circle;
     let center = view.to_plane(c.center);
     let radius = c.radius * view.mm_per_px(c.center).determinant().abs().sqrt();

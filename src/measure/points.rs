@@ -86,6 +86,11 @@ impl Points {
             && self.located.noise < SMALL_NOISE * self.located.step.contrast().abs()
     }
 
+    /// Contrast over a pixel's noise.
+    pub(super) fn clarity(&self) -> f64 {
+        self.located.step.contrast().abs() / self.located.noise
+    }
+
     /// How far the rim lies from what was found, in the plane: what a tint or shadow beside it has moved.
     pub(super) fn tint_mm(&self) -> f64 {
         (self.located.step.rim_px - self.located.step.distance_px) * self.pixel_mm

@@ -140,6 +140,18 @@ pub fn measure(
     search: Search,
     known: Option<&Wander>,
 ) -> Option<Ring> {
+    measure_if(frame, view, rough, search, known, &|_| true)
+}
+
+/// The same as long as what is seen is `worth` a closer look.
+pub(super) fn measure_if(
+    frame: &Frame,
+    view: &View,
+    rough: Circle,
+    search: Search,
+    known: Option<&Wander>,
+    worth: &dyn Fn(&Points) -> bool,
+) -> Option<Ring> {
     /// Looks at most, the last one a close one.
     const LOOKS: usize = 5;
     /// How much softer than expected an edge may be that one glance has told well enough.
@@ -155,6 +167,9 @@ pub fn measure(
             (false, _) => GLANCE,
         };
         let points = edge_points(frame, view, guess, search, effort, None)?;
+        if !worth(&points) {
+            return None;
+        }
         let weights = robust_weights(&points);
         let pixel = 1.0 / view.px_per_mm(guess.center).determinant().abs().sqrt();
         let fitted = circle::robust(&points.place_mm, &weights, Some(guess), 0.02 * pixel)?;

@@ -15,6 +15,7 @@ use crate::diagnose::experiment::{
     Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
 use crate::error::{Error, Result};
+use crate::fit::circle::{Circle, taubin};
 use crate::machine::Machine;
 use crate::table::Table;
 use crate::units;
@@ -245,9 +246,14 @@ impl RodExperiment {
         let points: Vec<Vector2<f64>> = (0..table.rows())
             .map(|r| place[capture[r]] + view.to_plane(Vector2::new(u[r], v[r])))
             .collect();
-        let (pole, radius) = circle(&points).ok_or_else(|| {
-            Error::file(table.path(), "its points lie on no circle", "check x_mm, y_mm, u_px, v_px")
-        })?;
+        let Circle { center: pole, radius } = taubin(&points, &vec![1.0; points.len()])
+            .ok_or_else(|| {
+                Error::file(
+                    table.path(),
+                    "its points lie on no circle",
+                    "check x_mm, y_mm, u_px, v_px",
+                )
+            })?;
         let jacobian = view.mm_per_px(view.axis_px());
         let eu = jacobian.column(0).normalize();
         let ev = Vector2::new(-eu.y, eu.x);
@@ -290,21 +296,6 @@ impl RodExperiment {
         ];
         Ok(Self { data, library, known, layout, nuisances })
     }
-}
-
-/// Algebraic circle through points (Kåsa): centre and radius.
-fn circle(points: &[Vector2<f64>]) -> Option<(Vector2<f64>, f64)> {
-    let n = points.len() as f64;
-    let mean = points.iter().sum::<Vector2<f64>>() / n;
-    let (mut m, mut rhs) = (nalgebra::Matrix2::zeros(), Vector2::zeros());
-    for p in points {
-        let d = p - mean;
-        m += d * d.transpose();
-        rhs += d * (0.5 * d.norm_squared());
-    }
-    let centre = m.try_inverse()? * rhs;
-    let radius2 = points.iter().map(|p| (p - mean - centre).norm_squared()).sum::<f64>() / n;
-    Some((mean + centre, radius2.sqrt()))
 }
 
 impl Experiment for RodExperiment {

@@ -6,7 +6,8 @@ use nalgebra::{Rotation3, Vector3};
 
 use crate::diagnose::data::{check_direction, extend_time, need, need_head_b_table_c, sites};
 use crate::diagnose::effects::Library;
-use crate::diagnose::effects::rtcp::{PoseError, library};
+use crate::diagnose::effects::rtcp::library;
+use crate::diagnose::effects::rtcp_pose::PoseError;
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };

@@ -11,6 +11,9 @@ use crate::diagnose::generic::range;
 
 type L = Library<Columns, Vector3<f64>>;
 
+/// Z stands still where it goes no farther per radian of B, mm.
+const STILL_MM: f64 = 1e-3;
+
 /// How far Z goes per radian of B where both together keep the bar's length.
 fn slope_mm(data: &Columns, row: usize) -> f64 {
     let Some(cup) = data.cups.get(data.series[row]) else { return 0.0 };
@@ -36,6 +39,13 @@ fn term(
 fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
     let b = data.get("b_deg")[row].to_radians();
     turned(b + extra_rad, data.head) - turned(b, data.head)
+}
+
+/// Why a backlash of Z cannot be tested: it turns back where B passes its middle, even in a run driven one way.
+fn z_one_way(data: &Columns) -> Option<String> {
+    let ways = || data.get("dir").iter().enumerate().map(|(row, dir)| dir * slope_mm(data, row));
+    let turns_back = ways().any(|w| w > STILL_MM) && ways().any(|w| w < -STILL_MM);
+    data.needs(&["dir"]).filter(|_| !turns_back)
 }
 
 /// The library, with what `data` cannot test marked.
@@ -130,7 +140,7 @@ pub fn library(data: &Columns) -> L {
                 both,
             )
         },
-        data.needs(&["dir"]),
+        z_one_way(data),
     );
     // Z turns back where B passes its middle; `dir` may also be Z's own.
     term(&mut l, one("width_mm", 0.01), |data, p, row| {

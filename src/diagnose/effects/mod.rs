@@ -3,8 +3,10 @@
 pub mod ballbar;
 pub mod burn;
 pub mod rod;
+mod rod_camera;
 mod rod_slow;
 pub mod rtcp;
+pub mod rtcp_pose;
 mod rtcp_slow;
 pub mod thermal;
 pub mod thermal_columns;

@@ -4,69 +4,12 @@
 //! `d = shift + H(B) - Ry(B) v - (H₀ - v) - (T_real - T_nominal)`, exactly. H is the head vector with its errors; H₀
 //! the part of them that was present when the machine's datum was taken at B = 0 (`datum = 1`).
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::Vector3;
 
 use crate::diagnose::data::rtcp::Rtcp;
+use crate::diagnose::effects::rtcp_pose::{HeadError, PoseError};
 use crate::diagnose::effects::{Library, Words, rtcp_slow, words};
 use crate::diagnose::experiment::Parameter;
-
-/// Errors of the head: offsets, B angle, tilts of the B axis.
-#[derive(Debug, Clone, Copy, Default)]
-pub struct HeadError {
-    dx: f64,
-    pub(super) dr: f64,
-    b: f64,
-    tilt_x: f64,
-    tilt_z: f64,
-}
-
-/// All errors at one pose.
-#[derive(Debug, Clone, Default)]
-pub struct PoseError {
-    pub(super) head: HeadError,
-    pub(super) datum: HeadError,
-    pub(super) shift: Vector3<f64>,
-    c_shift: Vector3<f64>,
-    c_angle: f64,
-    tilt_cx: f64,
-    tilt_cy: f64,
-}
-
-impl HeadError {
-    /// Head vector at angle `b_rad`.
-    fn vector(&self, v0: Vector3<f64>, b_rad: f64) -> Vector3<f64> {
-        let v = v0 + Vector3::new(self.dx, 0.0, -self.dr);
-        let v = Rotation3::from_axis_angle(&Vector3::y_axis(), b_rad + self.b) * v;
-        if self.tilt_x == 0.0 && self.tilt_z == 0.0 {
-            return v;
-        }
-        let x = Rotation3::from_axis_angle(&Vector3::x_axis(), self.tilt_x);
-        let z = Rotation3::from_axis_angle(&Vector3::z_axis(), self.tilt_z);
-        x * z * v
-    }
-}
-
-impl PoseError {
-    /// The deviation at a pose; `target_shift` is where the target really is, less where the model has it (table frame).
-    pub fn deviation(&self, data: &Rtcp, row: usize, target_shift: Vector3<f64>) -> Vector3<f64> {
-        let (b, c) = (data.b_deg[row].to_radians(), data.c_deg[row].to_radians());
-        let v0 = data.geometry.head;
-        let nominal = Rotation3::from_axis_angle(&Vector3::y_axis(), b) * v0;
-        let head = self.head.vector(v0, b) - nominal;
-        let datum = self.datum.vector(v0, 0.0) - v0;
-        let sense = data.geometry.c_sense;
-        let turn = |c: f64| Rotation3::from_axis_angle(&Vector3::z_axis(), sense * c);
-        let p = data.geometry.target;
-        let mut target = turn(c + self.c_angle) * (p + target_shift);
-        if self.tilt_cx != 0.0 || self.tilt_cy != 0.0 {
-            let x = Rotation3::from_axis_angle(&Vector3::x_axis(), self.tilt_cx);
-            let y = Rotation3::from_axis_angle(&Vector3::y_axis(), self.tilt_cy);
-            target = x * y * target;
-        }
-        let target = target + self.c_shift - turn(c) * p;
-        self.shift + head - datum - target
-    }
-}
 
 pub(super) type L = Library<Rtcp, PoseError>;
 
