@@ -102,7 +102,10 @@ pub fn plane(
         .map(|f| calibration.view(f.width(), f.height()))
         .collect::<Result<Vec<_>>>()?;
     let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
-    let sightings = mark::find(&frames, &positions);
+    let sightings = match mark::find(&frames, &positions) {
+        Some((mark, rough)) => mark.again(&frames, &rough, &views[0]),
+        None => vec![None; frames.len()],
+    };
     let places = |i: usize| Some((views[i].to_plane(sightings[i]?.pixel), positions[i]));
     let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
     let lost = captures.len() - used.len();

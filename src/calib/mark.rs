@@ -2,12 +2,15 @@
 //!
 //! Nothing is assumed of the mark but that it differs from what is round it. Blobs (difference of Gaussians, Lindeberg
 //! 1998) are candidates; the mark is the one that moves as the machine does, up to one scale, turn and handedness.
-//! Then its patch is registered in every picture by least squares (Lucas and Kanade 1981), brightness free.
+//! Then its patch is registered in every picture by least squares (Lucas and Kanade 1981), brightness free. Once the mapping
+//! is roughly known it is registered again, shaped as each picture's place in the frame shows it: tilt and distortion stretch a
+//! mark, and sharp edges that do not lie on each other leave its place free between them.
 
 use nalgebra::{Matrix2, Vector2};
 use rayon::prelude::*;
 
 use crate::calib::register::Patch;
+use crate::camera::View;
 use crate::find::blur;
 use crate::frame::{Frame, Gray};
 
@@ -17,6 +20,9 @@ const SIDE_PX: usize = 640;
 const CANDIDATES: usize = 12;
 /// How far a candidate may be from where an undistorted, untilted camera would see it: share of the frame's side.
 const STRAY: f64 = 0.03;
+
+/// Pairs of pictures, the farthest apart first, each of which is tried to tell scale and turn.
+const PAIRS: usize = 12;
 
 /// The mark in one picture.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -37,46 +43,88 @@ struct Blob {
     strength: f64,
 }
 
-/// Finds the one mark that moves with the machine: `None` for a picture that does not show it, or for all of them
-/// where no mark is consistent. `positions_mm` are the machine's X and Y.
-pub fn find(frames: &[Frame], positions_mm: &[Vector2<f64>]) -> Vec<Option<Sighting>> {
-    let nothing = vec![None; frames.len()];
-    let blobs: Vec<Vec<Blob>> = frames.par_iter().map(blobs).collect();
-    let side = frames.iter().map(|f| f.width().max(f.height())).max().unwrap_or(0) as f64;
-    let Some(chosen) = consistent(&blobs, positions_mm, STRAY * side) else { return nothing };
-    register_all(frames, &chosen)
+/// The mark as one picture shows it.
+#[derive(Debug, Clone)]
+pub struct Mark {
+    /// Its pixels in the picture nearest to whose middle it is seen, reduced by `factor`.
+    patch: Patch,
+    factor: usize,
+    /// Its place there, px of the full picture.
+    pixel: Vector2<f64>,
+    /// How far it may be from where it is expected, px of the reduced picture.
+    most_px: f64,
 }
 
-/// Registers a mark whose rough place is known in every picture that shows it.
-fn register_all(frames: &[Frame], chosen: &[Option<Blob>]) -> Vec<Option<Sighting>> {
-    // The sighting nearest to its frame's middle is whole and least oblique: it is the reference.
-    let off = |i: usize, b: &Blob| {
-        let middle = Vector2::new(frames[i].width() as f64, frames[i].height() as f64) / 2.0;
-        (b.center - middle).norm()
-    };
-    let seen = chosen.iter().enumerate().filter_map(|(i, b)| b.map(|b| (i, b)));
-    let Some((reference, blob)) = seen.min_by(|a, b| off(a.0, &a.1).total_cmp(&off(b.0, &b.1)))
-    else {
-        return vec![None; frames.len()];
-    };
-    let factor = ((blob.sd / 12.0) as usize).max(1);
-    let sd = blob.sd / factor as f64;
-    let half = (3.5 * sd + 3.0).ceil() as i64;
-    let square =
-        (-half..=half).flat_map(|y| (-half..=half).map(move |x| Vector2::new(x as f64, y as f64)));
-    // Whole pixels, so that the reference is not interpolated; any fixed point of the mark does as its place.
-    let place = reduced(blob.center, factor).map(f64::round);
-    let patch = Patch::cut(&frames[reference].reduce(factor), place, square.collect());
-    frames
-        .par_iter()
-        .zip(chosen)
-        .map(|(frame, blob)| {
-            let rough = reduced((*blob)?.center, factor);
-            let (place, u) = patch.register(&frame.reduce(factor), rough, 2.0 * half as f64)?;
-            let k = factor as f64;
-            Some(Sighting { pixel: place * k + Vector2::repeat((k - 1.0) / 2.0), u_px: u * k })
+/// Finds the one mark that moves with the machine: `None` where no mark is consistent. `positions_mm` are the machine's X and
+/// Y.
+pub fn find(frames: &[Frame], positions_mm: &[Vector2<f64>]) -> Option<(Mark, Sightings)> {
+    let blobs: Vec<Vec<Blob>> = frames.par_iter().map(blobs).collect();
+    let side = frames.iter().map(|f| f.width().max(f.height())).max().unwrap_or(0) as f64;
+    let chosen = consistent(&blobs, positions_mm, STRAY * side)?;
+    let mark = Mark::of(frames, &chosen)?;
+    let rough: Vec<_> = chosen.iter().map(|b| b.map(|b| b.center)).collect();
+    let sightings = mark.register(frames, &rough, |_| mark.patch.clone());
+    Some((mark, sightings))
+}
+
+/// Where a mark is in each picture: `None` for one that does not show it.
+pub type Sightings = Vec<Option<Sighting>>;
+
+impl Mark {
+    /// Cuts it out of the picture where it is nearest to the middle: there it is whole and least oblique.
+    fn of(frames: &[Frame], chosen: &[Option<Blob>]) -> Option<Self> {
+        let off = |i: usize, b: &Blob| {
+            let middle = Vector2::new(frames[i].width() as f64, frames[i].height() as f64) / 2.0;
+            (b.center - middle).norm()
+        };
+        let seen = chosen.iter().enumerate().filter_map(|(i, b)| b.map(|b| (i, b)));
+        let (reference, blob) = seen.min_by(|a, b| off(a.0, &a.1).total_cmp(&off(b.0, &b.1)))?;
+        let factor = ((blob.sd / 12.0) as usize).max(1);
+        let sd = blob.sd / factor as f64;
+        let half = (3.5 * sd + 3.0).ceil() as i64;
+        let square = (-half..=half)
+            .flat_map(|y| (-half..=half).map(move |x| Vector2::new(x as f64, y as f64)));
+        // Whole pixels, so that the reference is not interpolated; any fixed point of the mark does as its place.
+        let place = reduced(blob.center, factor).map(f64::round);
+        let patch = Patch::cut(&frames[reference].reduce(factor), place, square.collect());
+        Some(Self { patch, factor, pixel: full(place, factor), most_px: 2.0 * half as f64 })
+    }
+
+    /// Its places again, its shape in each picture being what `view` says.
+    pub fn again(&self, frames: &[Frame], before: &Sightings, view: &View) -> Sightings {
+        let k = self.factor as f64;
+        let own = view.to_plane(self.pixel);
+        let places: Vec<_> = before.iter().map(|s| s.map(|s| s.pixel)).collect();
+        self.register(frames, &places, |at| {
+            let here = view.to_plane(at);
+            self.patch.reshaped(|d| {
+                (view.to_pixel(here + view.to_plane(self.pixel + d * k) - own) - at) / k
+            })
         })
-        .collect()
+    }
+
+    fn register(
+        &self,
+        frames: &[Frame],
+        rough: &[Option<Vector2<f64>>],
+        shaped: impl Fn(Vector2<f64>) -> Patch + Sync,
+    ) -> Sightings {
+        frames
+            .par_iter()
+            .zip(rough)
+            .map(|(frame, rough)| {
+                let rough = (*rough)?;
+                let (frame, from) = (frame.reduce(self.factor), reduced(rough, self.factor));
+                let (place, u) = shaped(rough).register(&frame, from, self.most_px)?;
+                Some(Sighting { pixel: full(place, self.factor), u_px: u * self.factor as f64 })
+            })
+            .collect()
+    }
+}
+
+fn full(p: Vector2<f64>, factor: usize) -> Vector2<f64> {
+    let k = factor as f64;
+    p * k + Vector2::repeat((k - 1.0) / 2.0)
 }
 
 fn reduced(p: Vector2<f64>, factor: usize) -> Vector2<f64> {
@@ -152,9 +200,18 @@ fn consistent(
         .map(|(i, j)| ((positions[i] - positions[j]).norm(), i, j))
         .collect();
     pairs.sort_by(|a, b| b.0.total_cmp(&a.0));
+    // A mistyped position is far from all others: no picture spoils more than two pairs.
+    let mut often = vec![0; n];
+    pairs.retain(|&(_, i, j)| {
+        let keep = often[i] < 2 && often[j] < 2;
+        if keep {
+            (often[i], often[j]) = (often[i] + 1, often[j] + 1);
+        }
+        keep
+    });
     // Three sightings at least: two always agree.
     let (mut best_rank, mut best) = ((2, f64::INFINITY), None);
-    for &(_, i, j) in pairs.iter().take(6) {
+    for &(_, i, j) in pairs.iter().take(PAIRS) {
         // The mark moves against the machine.
         let moved = positions[i] - positions[j];
         for a in &blobs[i] {
@@ -209,4 +266,28 @@ fn similarity(from: Vector2<f64>, to: Vector2<f64>, handed: f64) -> Option<Matri
     let f = flip * from;
     let (c, s) = (f.dot(&to) / squared, f.perp(&to) / squared);
     Some(Matrix2::new(c, -s, s, c) * flip)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mistyped_position_does_not_hide_the_mark() {
+        let mut positions: Vec<Vector2<f64>> = [(0.0, 0.0), (2.0, 0.0), (-2.0, 0.3), (0.1, 1.5)]
+            .into_iter()
+            .chain([(0.0, -1.5), (2.0, 1.4), (-2.0, -1.4), (1.9, -1.5), (-2.1, 1.5)])
+            .map(|(x, y)| Vector2::new(x, y))
+            .collect();
+        let seen: Vec<Vec<Blob>> = positions
+            .iter()
+            .map(|p| Vector2::new(400.0 - 100.0 * p.x, 300.0 + 100.0 * p.y))
+            .map(|center| vec![Blob { center, sd: 10.0, strength: 50.0 }])
+            .collect();
+        positions[4].x += 10.0;
+        positions[6].y -= 20.0;
+        let found = consistent(&seen, &positions, 20.0).unwrap();
+        let missing: Vec<usize> = (0..9).filter(|&i| found[i].is_none()).collect();
+        assert_eq!(missing, [4, 6]);
+    }
 }

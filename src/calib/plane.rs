@@ -9,7 +9,7 @@ use nalgebra::{DVector, Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::calib::homography::{Fit, homography, map, solve};
-use crate::calib::mark::{self, Sighting};
+use crate::calib::mark::{self, Sighting, Sightings};
 use crate::camera::{Calibration, Lens, Mapping, light};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
@@ -122,10 +122,16 @@ pub fn calibrate(captures: &[Capture], lens: Option<&Lens>, gamma: f64) -> Resul
         ));
     }
     let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
-    let sightings = mark::find(&frames, &positions);
-    let ideal = || ideal(w, h);
-    let lens_used = lens.cloned().unwrap_or_else(ideal);
-    let mut made = from_sightings(captures, &sightings, &lens_used, lens.is_some())?;
+    let lens_used = lens.cloned().unwrap_or_else(|| ideal(w, h));
+    let from =
+        |sightings: &Sightings| from_sightings(captures, sightings, &lens_used, lens.is_some());
+    let mut made = match mark::find(&frames, &positions) {
+        Some((mark, rough)) => {
+            let view = from(&rough)?.calibration.view(w, h)?;
+            from(&mark.again(&frames, &rough, &view))?
+        }
+        None => from(&vec![None; frames.len()])?,
+    };
     made.calibration.gamma = gamma;
     Ok(made)
 }

@@ -28,6 +28,13 @@ impl Patch {
         Self { points, reach }
     }
 
+    /// The same values at the places that `shape` gives for its own.
+    pub fn reshaped(&self, shape: impl Fn(Vector2<f64>) -> Vector2<f64>) -> Self {
+        let points: Vec<_> = self.points.iter().map(|&(d, t)| (shape(d), t)).collect();
+        let reach = points.iter().map(|(d, _)| d.norm()).fold(0.0, f64::max);
+        Self { points, reach }
+    }
+
     /// Its place in another picture near `rough`, and the standard uncertainty that the pixels' noise leaves. `None` where it is
     /// not within `most_px`, or where less than half of it is in the picture.
     pub fn register<T: Sample>(
