@@ -69,16 +69,9 @@ pub(super) fn solve(
         own[r % 2][c]
     });
     let y = DVector::from_fn(rows, |r, _| -places[r / 2].1[r % 2]);
-    let lost = || {
-        Error::measure(
-            "captures",
-            "the machine positions do not determine the mapping",
-            "move the mark over the frame in X and in Y, not along one line",
-        )
-    };
     let (inverse, rank) = least_squares::covariance(&design, 1e-6);
     if rank < 6 {
-        return Err(lost());
+        return Err(undetermined());
     }
     let a = &inverse * design.tr_mul(&y);
     let start = DVector::from_vec(vec![a[0], a[1], a[2], a[3], 0.0, 0.0, a[4], a[5]]);
@@ -103,7 +96,7 @@ pub(super) fn solve(
     let options = least_squares::Options { rank_tolerance: 1e-7, ..Default::default() };
     let solution = least_squares::solve(start, options, model);
     if solution.rank < 8 || homography(&solution.parameters).determinant() == 0.0 {
-        return Err(lost());
+        return Err(undetermined());
     }
     let dof = solution.dof() as f64;
     Ok(Fit {
@@ -112,4 +105,12 @@ pub(super) fn solve(
         covariance: solution.covariance,
         dof,
     })
+}
+
+pub(super) fn undetermined() -> Error {
+    Error::measure(
+        "captures",
+        "the machine positions do not determine the mapping",
+        "move the mark over the frame in X and in Y, not along one line",
+    )
 }

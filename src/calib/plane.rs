@@ -8,7 +8,7 @@
 use nalgebra::{DVector, Matrix2, Vector2};
 use serde::Serialize;
 
-use crate::calib::homography::{Fit, homography, map, solve};
+use crate::calib::homography::{Fit, homography, map, solve, undetermined};
 use crate::calib::mark::{self, Sighting, Sightings};
 use crate::camera::{Calibration, Lens, Mapping, light};
 use crate::error::{Error, Result};
@@ -19,6 +19,9 @@ use crate::measure::rod::Capture;
 pub const LEAST_POSITIONS: usize = 5;
 /// A picture whose removal shrinks the residuals by this factor shows something else than the mark.
 const ODD_ONE_OUT: f64 = 5.0;
+
+/// Of the way to the frame's corner, what may be unsure there. Positions along a line leave all of it unsure.
+const MOST_UNSURE: f64 = 0.1;
 
 /// How the camera is mounted, as far as the picture and the positions say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
@@ -197,6 +200,11 @@ pub fn from_sightings(
         fit = solve(&used, &place)?;
     }
     let report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
+    let reach_mm =
+        report.mm_per_px * 0.5 * f64::from(lens.width_px).hypot(f64::from(lens.height_px));
+    if report.field_u95_mm > MOST_UNSURE * reach_mm {
+        return Err(undetermined());
+    }
     let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm: fit.homography() };
     Ok(Calibrated {
         calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },
@@ -283,6 +291,13 @@ fn report(
         .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
         .map(|[x, y]| x.hypot(y))
         .fold(0.0, f64::max);
+    let residual_rms_mm = (squares / used.len() as f64).sqrt();
+    if residual_rms_mm > mm_per_px {
+        warnings.push(format!(
+            "the captures disagree by {:.1} px rms: several positions are mistyped, the machine was not where it said, or the lens is another's",
+            residual_rms_mm / mm_per_px
+        ));
+    }
     warnings.extend(spread(sightings, used, lens));
     if !known_lens {
         warnings.push(
@@ -303,7 +318,7 @@ fn report(
         shear_deg: shear.to_degrees(),
         shear_u95_deg: shear_u95.to_degrees(),
         orientation,
-        residual_rms_mm: (squares / used.len() as f64).sqrt(),
+        residual_rms_mm,
         field_u95_mm,
         homography_mm: std::array::from_fn(|r| std::array::from_fn(|c| h[(r, c)])),
         captures: rows,

@@ -12,7 +12,7 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result};
 use crate::frame::Frame;
 use crate::live::track::Tracker;
-use crate::live::{Event, Feed, Shot};
+use crate::live::{Event, Feed, Shot, Stats};
 use crate::measure::ring::Ring;
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
@@ -64,6 +64,14 @@ pub struct Report {
     pub frames_per_s: f64,
     /// Whether the asked uncertainty (and the tolerance, where one is given) was reached.
     pub verdict: Verdict,
+}
+
+impl Report {
+    fn count(&mut self, seen: usize, failed: usize, stats: Stats) {
+        (self.frames_seen, self.frames_failed) = (seen, failed);
+        (self.received, self.dropped, self.reconnects) =
+            (stats.received, stats.dropped, stats.reconnects);
+    }
 }
 
 /// What the operator is told on the way.
@@ -160,10 +168,7 @@ pub fn run(
             tell(News::Moved)?;
         }
         let mut report = average.report(&ring, calibration, options);
-        let stats = feed.stats();
-        (report.frames_seen, report.frames_failed) = (seen, failed);
-        (report.received, report.dropped, report.reconnects) =
-            (stats.received, stats.dropped, stats.reconnects);
+        report.count(seen, failed, feed.stats());
         report.frames_per_s = (seen - 1) as f64 / first.elapsed().as_secs_f64().max(1e-9);
         tell(News::Seen(&report, &frame, view, &ring))?;
         let done = report.verdict == Verdict::Pass;
@@ -171,6 +176,10 @@ pub fn run(
         if done {
             break;
         }
+    }
+    // Frames may have come after the last that showed the circle.
+    if let Some(last) = &mut last {
+        last.report.count(seen, failed, feed.stats());
     }
     last.ok_or_else(|| {
         Error::measure(
