@@ -351,6 +351,45 @@ fn an_arc_of_a_known_rim_is_enough() {
     }
 }
 
+/// Where the mark has left the frame a nut or the brushed metal is not taken for it.
+#[test]
+fn what_is_no_circle_is_not_followed() {
+    let folder = tempfile::tempdir().unwrap();
+    let pictures = folder.path().join("pictures");
+    std::fs::create_dir(&pictures).unwrap();
+    let center = Vector2::new(300.0, 250.0);
+    let disc = |p: Vector2<f64>| (p - center).norm() < 90.0;
+    let nut = |p: Vector2<f64>| {
+        (0..6).all(|k| {
+            let (s, c) = (f64::from(k) * std::f64::consts::FRAC_PI_3).sin_cos();
+            (p - center).dot(&Vector2::new(c, s)) < 85.0
+        })
+    };
+    type Shape<'a> = &'a dyn Fn(Vector2<f64>) -> bool;
+    let shapes: [Shape; 4] = [&disc, &nut, &|_| false, &disc];
+    for (i, shape) in shapes.iter().enumerate() {
+        let picture = image::GrayImage::from_fn(640, 480, |u, v| {
+            let p = Vector2::new(f64::from(u), f64::from(v));
+            // Lines as brushing leaves them.
+            let line = (0.31 * p.y + 0.06 * p.x).sin() + (0.83 * p.y - 0.11 * p.x + 1.0).sin();
+            let level = if shape(p) { 60.0 } else { 150.0 + 8.0 * line };
+            image::Luma([level as u8])
+        });
+        picture.save(pictures.join(format!("{i}.png"))).unwrap();
+    }
+    let calib = folder.path().join("calib.toml");
+    std::fs::write(&calib, "schema = 1\nname = 'quick'\n[scale]\nmm_per_px = 0.01\n").unwrap();
+    for more in [vec![], vec!["--diameter-mm", "1.8"]] {
+        let mut arguments = vec!["center", pictures.to_str().unwrap(), "--calib"];
+        arguments.extend([calib.to_str().unwrap(), "--u95-mm", "0.000001"]);
+        arguments.extend(more);
+        let (json, _, words) = run(&arguments);
+        let count = |key: &str| json[key].as_u64().unwrap();
+        assert_eq!((count("frames_seen"), count("frames_failed")), (4, 2), "{words}");
+        assert!((number(&json, "/diameter_mm") - 1.8).abs() < 0.005, "{json:#}");
+    }
+}
+
 #[test]
 fn sources_that_cannot_be_are_refused_at_once() {
     for (source, words) in [

@@ -81,7 +81,8 @@ impl Tracker {
         let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
             && ring.contrast.signum() == last.contrast.signum()
             && ring.contrast.abs() > 0.4 * last.contrast.abs()
-            && ring.arc_coverage > 0.6 * last.arc_coverage;
+            && ring.arc_coverage > 0.6 * last.arc_coverage
+            && expected::may_be_circle(&ring);
         same.then_some((ring, search))
     }
 

@@ -221,21 +221,14 @@ impl Picture<'_> {
     /// Whether what was measured is a circle of the expected size.
     fn judge(&self, c: &Candidate, ring: Ring, search: Search) -> Option<Found> {
         let ring = ring.perhaps_soft();
-        let is_arc = ring.arc_coverage < WHOLE;
         let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
-        let doubt = DOUBT * ring.arc_coverage.min(1.0).powi(2);
         if off > DIAMETER_WINDOW
             || !SAME_STEP.contains(&(ring.contrast / c.step))
-            || ring.fitted_sd_mm > doubt * ring.circle.radius
-            || is_arc && ring.covariance[(2, 2)].sqrt() > doubt * ring.circle.radius
-            || is_polygon(&ring)
+            || !may_be_circle(&ring)
         {
             return None;
         }
         let faint = is_faint(&ring);
-        if faint && is_arc {
-            return None;
-        }
         if is_regular(&ring) && !faint {
             return Some(Found::Circle((ring, search)));
         }
@@ -245,7 +238,7 @@ impl Picture<'_> {
         if form(&ring) < if faint { REGULAR } else { RAGGED } {
             return Some(Found::Circle((ring, search)));
         }
-        let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc;
+        let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc(&ring);
         poor.then_some(Found::Ragged((ring, search)))
     }
 }
@@ -266,6 +259,18 @@ fn rivals(other: &Candidate, c: &Candidate) -> bool {
 /// Root mean square of a circle's form over its radius.
 fn form(ring: &Ring) -> f64 {
     ring.form_rms_mm / ring.circle.radius
+}
+
+/// Whether an edge is a circle's as far as it tells by itself: sure of its place, and neither a polygon's nor texture's arc.
+pub(crate) fn may_be_circle(ring: &Ring) -> bool {
+    let most_mm = DOUBT * ring.arc_coverage.min(1.0).powi(2) * ring.circle.radius;
+    let unsure_arc = ring.covariance[(2, 2)].sqrt() > most_mm || is_faint(ring);
+    ring.fitted_sd_mm <= most_mm && !(is_arc(ring) && unsure_arc) && !is_polygon(ring)
+}
+
+/// Whether not all of a circle is seen.
+fn is_arc(ring: &Ring) -> bool {
+    ring.arc_coverage < WHOLE
 }
 
 /// Whether an edge may be texture's.
