@@ -10,3 +10,4 @@ pub mod mark;
 pub mod plane;
 pub mod register;
 pub mod target;
+mod unseen_lens;

@@ -10,6 +10,7 @@ use serde::Serialize;
 
 use crate::calib::homography::{Fit, homography, map, solve, undetermined};
 use crate::calib::mark::{self, Sighting, Sightings};
+use crate::calib::unseen_lens::{corners_px, ideal, unseen_lens};
 use crate::camera::{Calibration, Lens, Mapping, light};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
@@ -22,6 +23,9 @@ const ODD_ONE_OUT: f64 = 5.0;
 
 /// Of the way to the frame's corner, what may be unsure there. Positions along a line leave all of it unsure.
 const MOST_UNSURE: f64 = 0.1;
+
+/// Pixels that are so much higher than wide are remarked on.
+const ODD_ASPECT: f64 = 0.01;
 
 /// How the camera is mounted, as far as the picture and the positions say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
@@ -158,20 +162,6 @@ fn enough(captures: &[Capture]) -> Result<()> {
     Ok(())
 }
 
-/// A lens without distortion for a camera of which only the frame's size is known. Its focal length is a mere unit.
-fn ideal(width: usize, height: usize) -> Lens {
-    let focal = width.max(height) as f64;
-    Lens {
-        width_px: width as u32,
-        height_px: height as u32,
-        fx_px: focal,
-        fy_px: focal,
-        cx_px: (width as f64 - 1.0) / 2.0,
-        cy_px: (height as f64 - 1.0) / 2.0,
-        distortion: [0.0; 5],
-    }
-}
-
 /// As [`calibrate`], from the mark's places. `known_lens` says whether the lens' focal length means anything.
 pub fn from_sightings(
     captures: &[Capture],
@@ -283,11 +273,9 @@ fn report(
         .filter_map(|r| r.residual_mm)
         .map(|[x, y]| x * x + y * y)
         .sum();
-    let (right, low) = (f64::from(lens.width_px) - 1.0, f64::from(lens.height_px) - 1.0);
-    let corners = [(0.0, 0.0), (right, 0.0), (0.0, low), (right, low)];
-    let field_u95_mm = corners
-        .iter()
-        .map(|&(u, v)| normal.to_plane(Vector2::new(u, v)))
+    let mut field_u95_mm = corners_px(lens)
+        .into_iter()
+        .map(|px| normal.to_plane(px))
         .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
         .map(|[x, y]| x.hypot(y))
         .fold(0.0, f64::max);
@@ -298,12 +286,26 @@ fn report(
             residual_rms_mm / mm_per_px
         ));
     }
+    if aspect.abs() > (3.0 * aspect_u95).max(ODD_ASPECT) {
+        warnings.push(format!(
+            "pixels would be {:+.1} % higher than wide, as hardly any camera's are: is one axis' scale or unit another than the other's?",
+            100.0 * aspect
+        ));
+    }
     warnings.extend(spread(sightings, used, lens));
     if !known_lens {
-        warnings.push(
-            "no lens file: the lens is taken as free of distortion, and the tilt cannot be told (calib camera makes one)"
-                .into(),
-        );
+        let places =
+            used.iter().filter_map(|&i| Some((sightings[i]?.pixel, captures[i].position_mm)));
+        let bent = unseen_lens(lens, &places.collect::<Vec<_>>(), fit);
+        let corners = match &bent {
+            Some(bent) => format!("by {:.4} mm there, as far as the positions tell", bent.seen_mm),
+            None => "by what these few positions do not tell".into(),
+        };
+        // What is known to be wrong and not corrected adds to what is unsure (GUM, F.2.4.5).
+        field_u95_mm = bent.map_or(field_u95_mm, |b| b.seen_mm + field_u95_mm.hypot(b.u95_mm));
+        warnings.push(format!(
+            "no lens file: the tilt cannot be told, and the lens is taken as free of distortion, which puts the corners wrong {corners} (calib camera makes one)"
+        ));
     }
     let h = fit.homography();
     Report {
