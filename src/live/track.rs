@@ -1,17 +1,16 @@
 //! Follows a rim or a mark from frame to frame.
 //!
-//! The first frame is searched and its edge measured in full. How far the edge has shifted since then is read from the pixels
-//! along it, at a tenth of the cost; after a move it is measured anew.
+//! The first frame is searched; in later ones the edge is measured near its last place, or searched for where it is not there. Each
+//! frame's centre stands for itself: one told from its shift against an earlier frame has that frame's error, which does not average out.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::calib::register::Patch;
 use crate::camera::View;
 use crate::find::{self, Candidate, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::live::center::Options;
-use crate::measure::expected;
+use crate::measure::expected::{self, Measured};
 use crate::measure::points::Search;
 use crate::measure::ring::{self, Ring};
 use crate::measure::rod;
@@ -21,50 +20,30 @@ use crate::uncertainty::K95;
 const TRIES: usize = 4;
 /// Standard uncertainty of a given diameter: what the tolerance of a turned or ground part leaves.
 const DIAMETER_U_MM: f64 = 0.02;
-/// How far the edge may shift from where it was measured in full, px: the lens' and the plane's mapping hardly differ there.
-const SHIFT_PX: f64 = 1.5;
 /// How far it may jump before it is searched for in the whole frame, px.
 const NEARBY_PX: f64 = 8.0;
-/// Pixels along the edge that tell its shift.
-const ALONG: usize = 500;
 
 /// Finds the circle and follows it.
 pub(super) struct Tracker {
     options: Options,
-    key: Option<Key>,
-}
-
-/// The last frame that was measured in full.
-struct Key {
-    ring: Ring,
-    /// Where its edge is looked for; `None` for an arc of a rim.
-    search: Option<Search>,
-    /// The pixels along its edge, and the middle of them.
-    patch: Patch,
-    middle: Vector2<f64>,
+    /// The last circle that was seen whole, and where its edge was looked for.
+    last: Option<Measured>,
 }
 
 impl Tracker {
     pub(super) fn new(options: Options) -> Self {
-        Self { options, key: None }
+        Self { options, last: None }
     }
 
     /// The circle in the next frame.
     pub(super) fn look(&mut self, frame: &Frame, view: &View) -> Option<Ring> {
-        if let Some(ring) = self.key.as_ref().and_then(|key| key.shifted(frame, view)) {
-            return Some(ring);
+        if let Some(diameter_mm) = self.rim_mm(view) {
+            return arc(frame, view, diameter_mm);
         }
-        let before = self.key.take();
-        let (ring, search) = match self.rim_mm(view) {
-            Some(diameter_mm) => (arc(frame, view, diameter_mm)?, None),
-            None => {
-                let near = before.and_then(|key| self.nearby(&key, frame, view));
-                let (ring, search) = near.or_else(|| self.find(frame, view))?;
-                (self.known_diameter(ring), Some(search))
-            }
-        };
-        self.key = Key::new(frame, ring.clone(), search);
-        Some(ring)
+        let near = self.last.take().and_then(|last| nearby(&last, frame, view));
+        let (ring, search) = near.or_else(|| self.find(frame, view))?;
+        self.last = Some((ring.clone(), search));
+        Some(self.known_diameter(ring))
     }
 
     /// The diameter, where it is given and the frame can only hold an arc of it.
@@ -73,21 +52,8 @@ impl Tracker {
         self.options.diameter_mm.filter(|d| *d > 0.9 * field)
     }
 
-    /// Near where it was, if it is still the same edge.
-    fn nearby(&self, key: &Key, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
-        let (last, search) = (&key.ring, key.search?);
-        let near = Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..search };
-        let ring = ring::measure(frame, view, last.circle, near, None)?;
-        let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
-            && ring.contrast.signum() == last.contrast.signum()
-            && ring.contrast.abs() > 0.4 * last.contrast.abs()
-            && ring.arc_coverage > 0.6 * last.arc_coverage
-            && expected::may_be_circle(&ring);
-        same.then_some((ring, search))
-    }
-
     /// Anywhere in the frame: of the given diameter, or of whichever size it shows best.
-    fn find(&self, frame: &Frame, view: &View) -> Option<(Ring, Search)> {
+    fn find(&self, frame: &Frame, view: &View) -> Option<Measured> {
         let look = find::look(frame);
         if let Some(diameter_mm) = self.options.diameter_mm {
             return expected::measure(frame, view, &look, diameter_mm);
@@ -131,45 +97,16 @@ impl Tracker {
     }
 }
 
-impl Key {
-    /// `None` for an edge that is hardly seen.
-    fn new(frame: &Frame, ring: Ring, search: Option<Search>) -> Option<Self> {
-        let used: Vec<Vector2<f64>> =
-            ring.trace.iter().filter(|(_, used)| *used).map(|(p, _)| *p).collect();
-        if used.len() < 12 {
-            return None;
-        }
-        let middle = (used.iter().sum::<Vector2<f64>>() / used.len() as f64).map(f64::round);
-        let half = (2.5 * ring.softness_px + 3.0).ceil() as i64;
-        let step = used.len().div_ceil(ALONG).max(1);
-        let offsets = used
-            .iter()
-            .step_by(step)
-            .flat_map(|p| {
-                let out = (p - ring.center_px).normalize();
-                // Whole pixels: the reference is not interpolated.
-                (-half..=half).map(move |i| (p + out * i as f64).map(f64::round) - middle)
-            })
-            .collect();
-        let patch = match frame {
-            Frame::Eight(gray) => Patch::cut(gray, middle, offsets),
-            Frame::Sixteen(gray) => Patch::cut(gray, middle, offsets),
-        };
-        Some(Self { ring, search, patch, middle })
-    }
-
-    /// The circle where the edge's pixels have shifted to; `None` where they are gone too far.
-    fn shifted(&self, frame: &Frame, view: &View) -> Option<Ring> {
-        let (place, _) = match frame {
-            Frame::Eight(gray) => self.patch.register(gray, self.middle, SHIFT_PX),
-            Frame::Sixteen(gray) => self.patch.register(gray, self.middle, SHIFT_PX),
-        }?;
-        let mut ring = self.ring.clone();
-        ring.circle.center += view.to_plane(place) - view.to_plane(self.middle);
-        ring.center_px += place - self.middle;
-        ring.trace.iter_mut().for_each(|(p, _)| *p += place - self.middle);
-        Some(ring)
-    }
+/// Near where it was, if it is still the same edge.
+fn nearby((last, search): &Measured, frame: &Frame, view: &View) -> Option<Measured> {
+    let near = Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..*search };
+    let ring = ring::measure(frame, view, last.circle, near, None)?.perhaps_soft();
+    let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
+        && ring.contrast.signum() == last.contrast.signum()
+        && ring.contrast.abs() > 0.4 * last.contrast.abs()
+        && ring.arc_coverage > 0.6 * last.arc_coverage
+        && expected::may_be_circle(&ring);
+    same.then_some((ring, *search))
 }
 
 /// A rim of which the frame holds an arc, measured as a check rod's single capture.
