@@ -105,6 +105,39 @@ fn number(json: &Value, path: &str) -> f64 {
 
 const PLACE: Vector2<f64> = Vector2::new(0.731, -0.462);
 
+/// An uncertainty that is never reached.
+const NEVER: &str = "1e-7";
+
+/// A folder of pictures to be looked at, and the calibration beside it.
+struct Pictures {
+    folder: tempfile::TempDir,
+}
+
+impl Pictures {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::create_dir(folder.path().join("pictures")).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self) -> &Path {
+        self.folder.path()
+    }
+
+    fn picture(&self, name: &str) -> PathBuf {
+        self.path().join("pictures").join(name)
+    }
+
+    /// Guides from it to that uncertainty, mm.
+    fn center(&self, u95: &str, more: &[&str]) -> (Value, Option<i32>, String) {
+        let (pictures, calib) = (self.path().join("pictures"), self.path().join("calib.toml"));
+        let (pictures, calib) = (pictures.to_str().unwrap(), calib.to_str().unwrap());
+        let mut all = vec!["center", pictures, "--calib", calib, "--u95-mm", u95];
+        all.extend(more);
+        run(&all)
+    }
+}
+
 #[test]
 fn a_stream_guides_at_the_camera_s_pace() {
     let folder = tempfile::tempdir().unwrap();
@@ -160,53 +193,63 @@ fn a_stream_guides_at_the_camera_s_pace() {
 
 #[test]
 fn a_frame_of_another_size_is_named_and_left_out() {
-    let folder = tempfile::tempdir().unwrap();
-    let pictures = folder.path().join("pictures");
-    std::fs::create_dir(&pictures).unwrap();
-    for (i, jpeg) in frames(folder.path(), PLACE, 3).iter().enumerate() {
-        std::fs::write(pictures.join(format!("{i}.jpg")), jpeg).unwrap();
+    let pictures = Pictures::new();
+    for (i, jpeg) in frames(pictures.path(), PLACE, 3).iter().enumerate() {
+        std::fs::write(pictures.picture(&format!("{i}.jpg")), jpeg).unwrap();
     }
     let odd = image::GrayImage::from_pixel(64, 48, image::Luma([90]));
-    odd.save(pictures.join("1-odd.png")).unwrap();
-    let calib = folder.path().join("calib.toml");
-    let (json, _, words) = run(&[
-        "center",
-        pictures.to_str().unwrap(),
-        "--calib",
-        calib.to_str().unwrap(),
-        "--u95-mm",
-        "0.00001",
-    ]);
+    odd.save(pictures.picture("1-odd.png")).unwrap();
+    let (json, _, words) = pictures.center(NEVER, &[]);
     assert!(words.contains("1-odd.png has 64×48 px"), "{words}");
     assert_eq!((number(&json, "/frames_seen"), number(&json, "/frames_used")), (4.0, 3.0));
 }
 
+/// Frames that are averaged do not keep the error of one of them.
+#[test]
+fn an_average_is_as_good_as_it_says() {
+    let mut squares = 0.0;
+    for (x, y) in [(0.137, -0.411), (-0.352, 0.244), (0.488, 0.069)] {
+        let pictures = Pictures::new();
+        let text = format!(
+            "schema = 1\nkind = 'burn'\n[camera]\nwidth_px = 640\nheight_px = 480\npixel_mm = 0.008\n[ring]\n\
+             center_mm = [{x}, {y}]\nradius_mm = 1.1\ninner_ratio = 0.0\nlevel = 0.25\n\
+             [spot]\noffset_mm = [0.0, 0.0]\nradius_mm = 0.2\nlevel = 0.3\n"
+        );
+        std::fs::write(pictures.path().join("scene.toml"), text).unwrap();
+        let scene = BurnScene::read(&pictures.path().join("scene.toml")).unwrap();
+        for seed in 0..12 {
+            let made = burn::render(&scene, seed).unwrap();
+            made.picture.write_png(&pictures.picture(&format!("{seed:02}.png"))).unwrap();
+            let calib = pictures.path().join("calib.toml");
+            std::fs::write(calib, made.camera.calibration.to_toml()).unwrap();
+        }
+        let (json, _, words) = pictures.center(NEVER, &[]);
+        assert_eq!(number(&json, "/frames_used"), 12.0, "{words}");
+        for (k, truth) in [x, y].into_iter().enumerate() {
+            let off_mm = number(&json, &format!("/offset_mm/{k}")) - truth;
+            let u95_mm = number(&json, &format!("/offset_u95_mm/{k}"));
+            assert!(off_mm.abs() < 1.5 * u95_mm, "{off_mm} ± {u95_mm}");
+            squares += off_mm * off_mm / 6.0;
+        }
+    }
+    let rms_um = 1e3 * squares.sqrt();
+    println!("averages of 12 frames: {rms_um:.4} µm rms");
+    assert!(rms_um < 0.015, "{rms_um} µm");
+}
+
 #[test]
 fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
-    let folder = tempfile::tempdir().unwrap();
-    let pictures = folder.path().join("pictures");
-    std::fs::create_dir(&pictures).unwrap();
-    for (i, jpeg) in frames(folder.path(), PLACE, 6).iter().enumerate() {
+    let pictures = Pictures::new();
+    for (i, jpeg) in frames(pictures.path(), PLACE, 6).iter().enumerate() {
         let bytes = if i == 2 { &jpeg[..jpeg.len() / 3] } else { &jpeg[..] };
         // Named as a batch would take it too; what it is, its content says.
         let ending = if i == 5 { "ppm" } else { "jpg" };
-        std::fs::write(pictures.join(format!("{i}.{ending}")), bytes).unwrap();
+        std::fs::write(pictures.picture(&format!("{i}.{ending}")), bytes).unwrap();
     }
-    std::fs::write(pictures.join(".6.jpg"), "half a copy").unwrap();
-    let calib = folder.path().join("calib.toml");
-    let store = folder.path().join("store");
-    let (json, code, words) = run(&[
-        "center",
-        pictures.to_str().unwrap(),
-        "--calib",
-        calib.to_str().unwrap(),
-        "--u95-mm",
-        "0.00001",
-        "--store",
-        store.to_str().unwrap(),
-        "--at",
-        "100,-20.5",
-    ]);
+    std::fs::write(pictures.picture(".6.jpg"), "half a copy").unwrap();
+    let store = pictures.path().join("store");
+    let stored = ["--store", store.to_str().unwrap(), "--at", "100,-20.5"];
+    let (json, code, words) = pictures.center(NEVER, &stored);
     assert_eq!(code, Some(1), "{words}");
     let count = |key: &str| json[key].as_u64().unwrap();
     assert_eq!(
@@ -220,26 +263,12 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
         "image,x_mm,y_mm,c_deg\ncapture-0001.jpg,100,-20.5,0\n"
     );
     // Enough is enough: three frames that agree end it.
-    let (json, code, _) = run(&[
-        "center",
-        pictures.to_str().unwrap(),
-        "--calib",
-        calib.to_str().unwrap(),
-        "--u95-mm",
-        "0.01",
-    ]);
+    let (json, code, _) = pictures.center("0.01", &[]);
     assert_eq!((code, json["frames_seen"].as_u64()), (Some(0), Some(4)), "{json:#}");
     // What is seen is never drawn over a picture that is looked at.
-    let own = pictures.join("0.jpg");
+    let own = pictures.picture("0.jpg");
     let before = std::fs::read(&own).unwrap();
-    let (_, code, words) = run(&[
-        "center",
-        pictures.to_str().unwrap(),
-        "--calib",
-        calib.to_str().unwrap(),
-        "--overlay",
-        own.to_str().unwrap(),
-    ]);
+    let (_, code, words) = pictures.center(NEVER, &["--overlay", own.to_str().unwrap()]);
     assert!(code == Some(2) && words.contains("--overlay") && words.contains("0.jpg"), "{words}");
     assert_eq!(std::fs::read(&own).unwrap(), before);
 }
@@ -354,9 +383,7 @@ fn an_arc_of_a_known_rim_is_enough() {
 /// Where the mark has left the frame a nut or the brushed metal is not taken for it.
 #[test]
 fn what_is_no_circle_is_not_followed() {
-    let folder = tempfile::tempdir().unwrap();
-    let pictures = folder.path().join("pictures");
-    std::fs::create_dir(&pictures).unwrap();
+    let pictures = Pictures::new();
     let center = Vector2::new(300.0, 250.0);
     let disc = |p: Vector2<f64>| (p - center).norm() < 90.0;
     let nut = |p: Vector2<f64>| {
@@ -375,15 +402,12 @@ fn what_is_no_circle_is_not_followed() {
             let level = if shape(p) { 60.0 } else { 150.0 + 8.0 * line };
             image::Luma([level as u8])
         });
-        picture.save(pictures.join(format!("{i}.png"))).unwrap();
+        picture.save(pictures.picture(&format!("{i}.png"))).unwrap();
     }
-    let calib = folder.path().join("calib.toml");
-    std::fs::write(&calib, "schema = 1\nname = 'quick'\n[scale]\nmm_per_px = 0.01\n").unwrap();
-    for more in [vec![], vec!["--diameter-mm", "1.8"]] {
-        let mut arguments = vec!["center", pictures.to_str().unwrap(), "--calib"];
-        arguments.extend([calib.to_str().unwrap(), "--u95-mm", "0.000001"]);
-        arguments.extend(more);
-        let (json, _, words) = run(&arguments);
+    let calib = "schema = 1\nname = 'quick'\n[scale]\nmm_per_px = 0.01\n";
+    std::fs::write(pictures.path().join("calib.toml"), calib).unwrap();
+    for more in [&[][..], &["--diameter-mm", "1.8"]] {
+        let (json, _, words) = pictures.center(NEVER, more);
         let count = |key: &str| json[key].as_u64().unwrap();
         assert_eq!((count("frames_seen"), count("frames_failed")), (4, 2), "{words}");
         assert!((number(&json, "/diameter_mm") - 1.8).abs() < 0.005, "{json:#}");
