@@ -184,6 +184,14 @@ impl Error {
         }
     }
 
+    /// Says which file the data are from that cannot be measured; options stay options.
+    pub fn measured_in(self, path: impl AsRef<Path>) -> Self {
+        match self {
+            Self::Measure { .. } => self.in_file(path, None),
+            other => other,
+        }
+    }
+
     /// Something that cannot be measured in otherwise good input.
     pub fn measure(
         subject: impl Into<String>,

@@ -9,6 +9,8 @@ use std::ops::RangeInclusive;
 const HEIGHTS_MM: RangeInclusive<f64> = 0.1..=1000.0;
 /// Distances from a rotary axis to the tool point, mm.
 const PIVOTS_MM: RangeInclusive<f64> = 5.0..=20_000.0;
+/// Diameters of a check rod, mm.
+const RODS_MM: RangeInclusive<f64> = 1.0..=500.0;
 /// Sizes of a pixel on the plane, mm.
 const PIXELS_MM: RangeInclusive<f64> = 1e-4..=1.0;
 /// Temperatures that no screw or head has in °C, but every one in kelvin.
@@ -78,6 +80,11 @@ pub fn pivot(name: &str, mm: f64) -> Option<String> {
     length(name, mm, PIVOTS_MM)
 }
 
+/// The diameter of a check rod.
+pub fn rod(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, RODS_MM)
+}
+
 /// The size of a pixel.
 pub fn pixel(name: &str, mm: f64) -> Option<String> {
     length(name, mm, PIXELS_MM)
@@ -126,6 +133,8 @@ mod tests {
     #[test]
     fn lengths_and_temperatures_of_another_unit_are_told() {
         assert_eq!([50.0, 3.0, 1.0, 0.5, 200.0].map(|h| height("h", h)), [const { None }; 5]);
+        assert_eq!([6.0, 20.0, 150.0].map(|d| rod("d", d)), [const { None }; 3]);
+        assert!(rod("rod.diameter_mm", 0.02).unwrap().contains("metres, write 20.0"));
         assert!(height("--ring-height-mm", 0.05).unwrap().contains("metres, write 50.0"));
         assert!(height("--ring-height-mm", 50_000.0).unwrap().contains("micrometres, write 50.0"));
         assert!(pivot("--pivot-mm", 0.573).unwrap().contains("573.0"));

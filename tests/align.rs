@@ -59,6 +59,29 @@ const IDEAL: fit::Options =
     fit::Options { z_ideal_mm: 50.0, center_ideal_mm: [0.0, 0.0], c_deg: 0.0, touch_u_mm: None };
 
 #[test]
+fn sides_touched_at_different_heights_give_one_axis() {
+    let (a, b) = (0.8f64.to_radians(), (-1.3f64).to_radians());
+    let level = Rotation3::from_axis_angle(&Vector3::y_axis(), b)
+        * Rotation3::from_axis_angle(&Vector3::x_axis(), a);
+    let mut csv = String::from("kind,x_mm,y_mm,z_mm\n");
+    for (x, y) in [(-90.0, -90.0), (90.0, -90.0), (0.0, 90.0)] {
+        let p = level.inverse() * Vector3::new(x, y, 50.0);
+        writeln!(csv, "face,{:.9},{:.9},{:.9}", p.x, p.y, p.z).unwrap();
+    }
+    let axis = level.inverse() * Vector3::new(5.0, 2.0, 0.0);
+    let up = level.inverse() * Vector3::z();
+    let at = |z: f64| axis + up * ((z - axis.z) / up.z);
+    for side in [-150.0, 150.0] {
+        let (x, y) = (at(20.0), at(-80.0));
+        writeln!(csv, "side_x,{:.9},{:.9},{:.9}", x.x + side, x.y, x.z).unwrap();
+        writeln!(csv, "side_y,{:.9},{:.9},{:.9}", y.x, y.y + side, y.z).unwrap();
+    }
+    let alignment = fitted(&csv, &IDEAL);
+    let (center, expected) = (alignment.center_mm.unwrap(), at(alignment.center_z_mm));
+    assert!((center[0] - expected.x).abs() < 1e-6 && (center[1] - expected.y).abs() < 1e-6);
+}
+
+#[test]
 fn the_path_lands_on_the_tilted_blank_and_not_on_its_mirror_image() {
     let shift = Vector3::new(3.0, -2.0, 1.5);
     let alignment = fitted(&touches(0.8, -1.3, shift, 3, 0.0, 0), &IDEAL);

@@ -97,6 +97,31 @@ fn stated_intervals_hold_with_noise_run_shifts_and_an_uncertain_length() {
 }
 
 #[test]
+fn shifts_of_runs_are_in_the_intervals_without_a_column_run_and_with_a_noise_given() {
+    let angles: Vec<f64> = (-9..=9).map(|i| 10.0 * f64::from(i)).collect();
+    let truth = Truth { error_deg, pivot_mm: 600.0, noise_mm: 0.001, run_shift_mm: 0.001 };
+    for noise_mm in [None, Some(0.001)] {
+        let (mut inside, mut all) = (0, 0);
+        for seed in 0..200 {
+            let csv = truth.sweep(&angles, &[1, -1], 5, seed);
+            let runs = csv.lines().map(|l| l.rsplit_once(',').unwrap().0);
+            let unnamed: String = runs.map(|l| format!("{l}\n")).collect();
+            let csv = if noise_mm.is_some() { csv } else { unnamed };
+            let report =
+                correct(&sweep(&csv), &Options { noise_mm, ..Options::new(600.0) }).unwrap();
+            for row in &report.rows {
+                let dir = if serde_json::to_value(row.dir).unwrap() == "-" { -1 } else { 1 };
+                let off = row.error_deg - error_deg(row.angle_deg, dir);
+                all += 1;
+                inside += usize::from(off.abs() <= row.error_u95_deg.unwrap());
+            }
+        }
+        let coverage = 100.0 * inside as f64 / all as f64;
+        assert!((94.0..98.5).contains(&coverage), "{noise_mm:?}: {coverage} %");
+    }
+}
+
+#[test]
 fn the_new_table_removes_the_error_from_both_directions() {
     let angles: Vec<f64> = (-18..=18).map(|i| 5.0 * f64::from(i)).collect();
     let before = Truth { error_deg, pivot_mm: 650.0, noise_mm: 0.0005, run_shift_mm: 0.0 };

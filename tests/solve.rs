@@ -9,7 +9,7 @@ use assert_cmd::Command;
 use nalgebra::Vector3;
 use pivotsight::machine::Machine;
 use pivotsight::rtcp::solve::{Readings, Solved, solve};
-use pivotsight::uncertainty::{Measured, Verdict};
+use pivotsight::uncertainty::{K95, Measured, Verdict};
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
@@ -219,6 +219,29 @@ fn results_of_burn_and_rod_are_taken_from_their_files() {
     assert!((json["delta_x_mm"].as_f64().unwrap() - DX).abs() < 1e-9, "{json}");
     assert_eq!(json["limits"][0]["verdict"], "fail", "12 µm is over the method's limit");
     assert_eq!(code, 1);
+}
+
+#[test]
+fn a_rod_seen_at_one_angle_and_touched_at_another_may_have_moved_twice_its_eccentricity() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(
+        folder.path().join("rod.json"),
+        r#"{"rod_centers":[{"c_deg":0,"center_mm":[412.3,-87.6],"center_u95_mm":0.001}],"axis_separated":false,
+        "axis_center_mm":[412.3,-87.6],"axis_center_u95_mm":0.001,"diameter_mm":20.0,"diameter_u95_mm":0.002}"#,
+    )
+    .unwrap();
+    let touch = &SESSION[SESSION.find("[touch]").unwrap()..];
+    let delta_x_u = |c_deg: f64| {
+        let text = format!(
+            "[rod]\nresult = \"rod.json\"\neccentricity_mm = 0.05\n{touch}c_deg = {c_deg}\n"
+        );
+        let path = folder.path().join("s.toml");
+        std::fs::write(&path, text).unwrap();
+        command(&path, &[]).1["delta_x_u95_mm"].as_f64().unwrap() / K95
+    };
+    // Two places on the circle differ by e rms along X; seen and touched at one angle they are one.
+    assert!((delta_x_u(120.0) - 0.05).abs() < 1e-3, "{}", delta_x_u(120.0));
+    assert!(delta_x_u(0.0) < 0.002, "{}", delta_x_u(0.0));
 }
 
 #[test]

@@ -108,8 +108,17 @@ impl Touches {
     }
 }
 
-/// A, B, dz, centre x, y, and the face's sum of squared residuals.
-fn solve(touches: &Touches, options: &Options) -> Result<([f64; 5], f64)> {
+/// A blank's position from touches without uncertainty.
+struct Lie {
+    /// A, B, dz, centre x, y.
+    values: [f64; 5],
+    /// Height at which the centre is told.
+    center_z_mm: f64,
+    /// The face's sum of squared residuals.
+    left_mm2: f64,
+}
+
+fn solve(touches: &Touches, options: &Options) -> Result<Lie> {
     let n = touches.face.len() as f64;
     let middle = touches.face.iter().sum::<Vector3<f64>>() / n;
     let scatter: Matrix3<f64> =
@@ -138,11 +147,12 @@ fn solve(touches: &Touches, options: &Options) -> Result<([f64; 5], f64)> {
     let b = (-normal.x).atan2(normal.y * a.sin() + normal.z * a.cos());
     let level = leveller(a, b);
     let dz = (level * middle).z - options.z_ideal_mm;
-    let mut center = options.center_ideal_mm;
+    // Midpoints of the sides touched, by axis.
+    let mut middles = Vec::new();
     for (i, side) in touches.sides.iter().enumerate().filter(|(_, s)| !s.is_empty()) {
-        let values = side.iter().map(|p| p[i]);
-        let (low, high) = values
-            .clone()
+        let (low, high) = side
+            .iter()
+            .map(|p| p[i])
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
         if high - low < 1e-3 {
             let name = if i == 0 { "side_x" } else { "side_y" };
@@ -153,11 +163,26 @@ fn solve(touches: &Touches, options: &Options) -> Result<([f64; 5], f64)> {
             ));
         }
         let split = 0.5 * (low + high);
-        let mean = |v: Vec<f64>| v.iter().sum::<f64>() / v.len() as f64;
-        let (left, right): (Vec<f64>, Vec<f64>) = values.partition(|&v| v < split);
-        center[i] = 0.5 * (mean(left) + mean(right));
+        let mean = |v: Vec<&Vector3<f64>>| v.iter().copied().sum::<Vector3<f64>>() / v.len() as f64;
+        let (left, right): (Vec<_>, Vec<_>) = side.iter().partition(|p| p[i] < split);
+        middles.push((i, 0.5 * (mean(left) + mean(right))));
     }
-    Ok(([a, b, dz, center[0], center[1]], eigen.eigenvalues[least].max(0.0)))
+    // Sides touched at different heights are brought to one along the tilted axis.
+    let mut center = options.center_ideal_mm;
+    let center_z_mm = if middles.is_empty() {
+        options.z_ideal_mm
+    } else {
+        middles.iter().map(|(_, m)| m.z).sum::<f64>() / middles.len() as f64
+    };
+    let axis = level.inverse() * Vector3::z();
+    for (i, m) in middles {
+        center[i] = m[i] + axis[i] / axis.z * (center_z_mm - m.z);
+    }
+    Ok(Lie {
+        values: [a, b, dz, center[0], center[1]],
+        center_z_mm,
+        left_mm2: eigen.eigenvalues[least].max(0.0),
+    })
 }
 
 /// `Ry(B) Rx(A)`.
@@ -187,7 +212,7 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
         ));
     }
     warnings.extend(touches.warnings.iter().cloned());
-    let (best, left) = solve(touches, options)?;
+    let Lie { values: best, center_z_mm, left_mm2: left } = solve(touches, options)?;
     let dof = touches.face.len() as f64 - 3.0;
     let (u, k) = match options.touch_u_mm {
         Some(u) => (u, K95),
@@ -207,7 +232,7 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
     let step = 1e-3;
     let mut variance = [0.0; 5];
     let mut add = |moved: &Touches| -> Result<()> {
-        let (other, _) = solve(moved, options)?;
+        let other = solve(moved, options)?.values;
         variance
             .iter_mut()
             .zip(other)
@@ -230,12 +255,13 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
     let u95 = variance.map(|v| k * v.sqrt());
     let touched = touches.sides.iter().all(|s| !s.is_empty());
     if !touched {
-        warnings.push(
-            "without side_x and side_y touches the blank's axis is taken to be where it should be"
-                .into(),
-        );
+        let missing = match touches.sides.each_ref().map(Vec::is_empty) {
+            [false, _] => "without side_y touches those of side_x are not used and",
+            [_, false] => "without side_x touches those of side_y are not used and",
+            _ => "without side_x and side_y touches",
+        };
+        warnings.push(format!("{missing} the blank's axis is taken to be where it should be"));
     }
-    let heights: Vec<f64> = touches.sides.iter().flatten().map(|p| p.z).collect();
     Ok(Alignment {
         a_deg: best[0].to_degrees(),
         a_u95_deg: u95[0].to_degrees(),
@@ -245,11 +271,7 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
         dz_u95_mm: u95[2],
         center_mm: touched.then_some([best[3], best[4]]),
         center_u95_mm: touched.then_some([u95[3], u95[4]]),
-        center_z_mm: if heights.is_empty() {
-            options.z_ideal_mm
-        } else {
-            heights.iter().sum::<f64>() / heights.len() as f64
-        },
+        center_z_mm,
         z_ideal_mm: options.z_ideal_mm,
         center_ideal_mm: options.center_ideal_mm,
         c_deg: options.c_deg,

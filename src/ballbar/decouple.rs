@@ -129,7 +129,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     if n < rank + known + 3 {
         return Err(Error::measure(
             "ball bar data",
-            format!("{n} points are too few for {} unknowns", rank + known),
+            format!("{n} points are too few, {} are the least here", rank + known + 3),
             "measure the whole path",
         ));
     }

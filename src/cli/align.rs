@@ -106,7 +106,8 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
     };
     let mut warnings = Vec::new();
     let touches = fit::Touches::read(points)?;
-    let alignment = align::fit(&touches, &options, &mut warnings)?;
+    let alignment =
+        align::fit(&touches, &options, &mut warnings).map_err(|e| e.measured_in(points))?;
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
         global.write_into(folder, "align.svg", alignment.figure(&touches).to_svg().as_bytes())?;

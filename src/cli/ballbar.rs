@@ -301,7 +301,8 @@ fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {
         swarm: swarm::Options { particles: args.particles, ..swarm::Options::default() },
     };
     options.setup.validate()?;
-    let report = decouple::decouple(&Data::read(&args.data, &options)?, &options)?;
+    let report = decouple::decouple(&Data::read(&args.data, &options)?, &options)
+        .map_err(|e| e.measured_in(&args.data))?;
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
         global.write_into(folder, "ballbar.svg", report.figure().to_svg().as_bytes())?;

@@ -76,7 +76,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         ..Options::new(args.pivot_mm)
     };
     let sweep = Sweep::read(&args.deviations, args.modulo)?;
-    let report = rotary::correct(&sweep, &options)?;
+    let report = rotary::correct(&sweep, &options).map_err(|e| e.measured_in(&args.deviations))?;
     if let Some(path) = &args.table {
         let table = export::text(
             &report,

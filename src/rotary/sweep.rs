@@ -150,9 +150,14 @@ impl Sweep {
                 ));
             }
             let deviation_mm = table.number(row, "deviation_mm")?;
+            // Without a run the n-th readings of all places are one: its shift is common to them.
+            let run = match table.text(row, "run") {
+                "" => format!(" {}", groups[group].readings),
+                run => run.to_owned(),
+            };
             groups[group].readings += 1;
             groups[group].mean_mm += deviation_mm;
-            readings.push(Reading { group, run: table.text(row, "run").to_owned(), deviation_mm });
+            readings.push(Reading { group, run, deviation_mm });
         }
         if groups.iter().any(|g| g.dir.is_none()) && groups.iter().any(|g| g.dir.is_some()) {
             return Err(Error::file(
@@ -170,13 +175,12 @@ impl Sweep {
     /// The noise of a reading: the user's figure if there is one.
     pub fn noise(&self, given_mm: Option<f64>) -> Noise {
         match given_mm {
+            // How whole runs shift is no noise of a reading: the runs still tell it.
             Some(reading_mm) => Noise {
                 reading_mm,
                 reading_dof: f64::INFINITY,
-                run_mm: 0.0,
-                between_mm: 0.0,
-                runs: self.noise.runs,
                 source: NoiseSource::Given,
+                ..self.noise
             },
             None => self.noise,
         }

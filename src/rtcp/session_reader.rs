@@ -217,11 +217,12 @@ impl Reader<'_> {
                         .iter()
                         .find(|r| ((r.c_deg - c + 180.0).rem_euclid(360.0) - 180.0).abs() < 0.5)
                 });
+                is_rods = result.axis_separated == Some(false);
+                // The rod's own centre, seen at the touches' angle, is the very centre seen.
                 offset = nearest.map(|r| Measured {
                     value: r.center_mm[0] - result.axis_center_mm[0],
-                    u: r.center_u95_mm.pair()[0] / K95,
+                    u: if is_rods { 0.0 } else { r.center_u95_mm.pair()[0] / K95 },
                 });
-                is_rods = result.axis_separated == Some(false);
                 if result.rod_centers.len() > 1 {
                     eccentricity = eccentricity.or(result.eccentricity_mm);
                 }
@@ -276,13 +277,16 @@ impl Reader<'_> {
             let reason = format!("is {}", diameter.value);
             return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
         }
+        self.warnings.extend(units::rod("rod.diameter_mm", diameter.value));
         // Where its angle is not known a rod's centre may lie anywhere on its small circle.
         let e = eccentricity.or(runout_mm.map(|r| r / 2.0)).unwrap_or(0.0);
         let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
+        // From one place on that circle to another.
+        let turned = Measured { value: 0.0, u: e };
         Ok(RodSeen {
             axis_center_mm: axis,
             axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
-            rod_offset_mm: offset.unwrap_or(anywhere),
+            rod_offset_mm: offset.unwrap_or(if is_rods { turned } else { anywhere }),
             diameter_mm: diameter,
         })
     }
