@@ -71,6 +71,42 @@ fn stated_intervals_hold_for_coefficients_slopes_and_corrections() {
 }
 
 #[test]
+fn intervals_of_the_law_hold_where_each_runs_thermometer_is_off() {
+    let truth = Truth::sample(4);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("screw.csv");
+    let (mut inside, mut all) = (0.0, 0.0);
+    for seed in 0..120u64 {
+        // Each run reads its screw off by up to 0.2 °C.
+        let mut text = String::new();
+        for line in truth.screw_csv(&[0.0, 5.0, 10.0, 15.0, 20.0], 11, seed).lines() {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if let Ok(t) = cells[1].parse::<f64>() {
+                let run = (t / 5.0).floor() as u64 + 7 * u64::from(cells[0].as_bytes()[0]);
+                let draw = (seed * 1009 + run).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 40;
+                cells[1] = format!("{:.3}", t + 0.4 * (draw as f64 / 16_777_216.0 - 0.5));
+            }
+            text.push_str(&format!("{}\n", cells.join(",")));
+        }
+        std::fs::write(&path, text).unwrap();
+        let data = screw::Data::read(&path).unwrap();
+        for (s, (_, t0, slope, ..)) in
+            screw::fit(&data, &screw::Options::default(), &mut Vec::new())
+                .unwrap()
+                .iter()
+                .zip(&truth.screws)
+        {
+            let tk = 1e6 * slope * (s.t_max_c - t0);
+            inside += f64::from((s.t0_c - t0).abs() <= s.t0_u95_c);
+            inside += f64::from((s.tk_max_um_per_m - tk).abs() <= s.tk_max_u95_um_per_m);
+            all += 2.0;
+        }
+    }
+    let percent = 100.0 * inside / all;
+    assert!((88.0..99.0).contains(&percent), "{percent} %");
+}
+
+#[test]
 fn selection_finds_few_sensors_and_its_error_is_told_on_rows_not_seen() {
     let truth = Truth::sample(25);
     let (model, _) = fitted(&truth, 400, 5, &head::Options::default());

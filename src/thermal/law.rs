@@ -2,7 +2,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::fit::least_squares;
+use crate::fit::tails::ln_f_tail;
+use crate::fit::{least_squares, serial};
+
+/// p-value under which slopes are taken to lie off the law, and under which that is said.
+const OFF_P: f64 = 0.05;
+/// See [`OFF_P`].
+const SURELY_OFF_P: f64 = 0.01;
 
 /// One calibration row.
 #[derive(Debug, Clone, Copy)]
@@ -124,4 +130,60 @@ impl Law<'_> {
             rank: solution.rank,
         }
     }
+}
+
+/// How far the slopes lie off the law.
+pub(super) struct Misfit {
+    /// Times their uncertainty, 1 or more (Birge's ratio).
+    pub(super) ratio: f64,
+    /// Degrees of freedom behind that: few where it is the slopes that tell it.
+    pub(super) dof: f64,
+    /// Whether chance can be ruled out.
+    pub(super) significant: bool,
+}
+
+impl Misfit {
+    /// Each slope counts once, however many positions are behind it: a run's thermometer is off for all of them.
+    pub(super) fn of(
+        slopes: &[Line],
+        law: impl Fn(&Line) -> f64,
+        noise: f64,
+        t0_given: bool,
+        dof: f64,
+    ) -> Self {
+        let free = slopes.len() as f64 - if t0_given { 1.0 } else { 2.0 };
+        if free < 1.0 {
+            return Self { ratio: 1.0, dof, significant: false };
+        }
+        let square: f64 =
+            slopes.iter().map(|l| ((l.slope - law(l)) / (noise * l.slope_factor)).powi(2)).sum();
+        let variance = (square / free).max(1.0);
+        let ln_p = ln_f_tail(variance, free, dof);
+        if ln_p >= OFF_P.ln() {
+            return Self { ratio: 1.0, dof, significant: false };
+        }
+        // Welch-Satterthwaite: the noise is known from all rows, what comes on top from the slopes alone.
+        let (noise_part, own_part) = (1.0 / dof, (variance - 1.0).powi(2) / free);
+        Self {
+            ratio: variance.sqrt(),
+            dof: (variance.powi(2) / (noise_part + own_part)).max(1.0),
+            significant: ln_p < SURELY_OFF_P.ln(),
+        }
+    }
+}
+
+/// The factor on variances where errors repeat along the axis or from run to run, as those of the screw's pitch do.
+pub(super) fn repeats(runs: &[Vec<Point>], lines: &[Line]) -> f64 {
+    let mut left: Vec<(f64, f64)> = Vec::new();
+    for (run, l) in runs.iter().zip(lines) {
+        let from = left.len();
+        left.extend(
+            run.iter().map(|p| (p.position_mm, p.error_mm - l.intercept - l.slope * p.position_mm)),
+        );
+        left[from..].sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    let values = |left: &[(f64, f64)]| left.iter().map(|l| l.1).collect::<Vec<_>>();
+    let by_run = values(&left);
+    left.sort_by(|a, b| a.0.total_cmp(&b.0));
+    [by_run, values(&left)].map(|r| serial::widening(&r, 1).0).into_iter().fold(1.0, f64::max)
 }

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::fit::tails::ln_f_tail;
 use crate::table::Table;
-use crate::thermal::law::{Law, Line, Point};
+use crate::thermal::law::{Law, Line, Misfit, Point, repeats};
 use crate::uncertainty::k95;
 use crate::units;
 
@@ -258,16 +258,25 @@ fn fit_axis(
     let solved = law.solve([per_degree, t0, p0_fixed.unwrap_or(crossing)]);
     let [per_degree, t0, p0_mm] = solved.parameters;
     let dof = (points.len() as f64 - solved.rank as f64).max(1.0);
-    let scatter = (solved.chi2 / dof).sqrt();
-    // Slopes off the straight law widen the law's own interval (Birge's ratio).
-    let widen = scatter.max(1.0);
-    if scatter > 1.0 + 3.0 / (2.0 * dof).sqrt() {
+    let scatter = (solved.chi2 / dof).sqrt().max(1.0);
+    let k = k95(dof);
+    let off =
+        Misfit::of(&slopes, |l| per_degree * (l.screw_c - t0), noise, given_t0.is_some(), dof);
+    if off.significant {
         warnings.push(format!(
-            "axis {axis}: the slopes are not proportional to T - T0 (the law leaves {scatter:.1} times the noise); \
-             intervals are widened"
+            "axis {axis}: the slopes are not proportional to T - T0 (they lie {:.1} times their uncertainty off); \
+             intervals are widened",
+            off.ratio
         ));
     }
-    let mut covariance = solved.covariance.map(|row| row.map(|v| v * widen * widen));
+    let serial = repeats(&runs, &slopes);
+    // Slopes off the law make T0 and the slope for each degree uncertain, not where the lines meet.
+    let slope = serial.sqrt() * off.ratio * k95(off.dof) / k;
+    let widen = [slope, slope, serial.sqrt()];
+    let mut covariance = solved.covariance;
+    for (i, row) in covariance.iter_mut().enumerate() {
+        row.iter_mut().zip(widen).for_each(|(v, w)| *v *= widen[i] * w);
+    }
     let positions = points.iter().map(|p| p.position_mm);
     let range_mm = [
         positions.clone().fold(f64::INFINITY, f64::min),
@@ -286,7 +295,6 @@ fn fit_axis(
             "check the sign of error_mm, or give --t0-c",
         ));
     }
-    let k = k95(dof);
     let tk_variance = rise * rise * covariance[0][0] - 2.0 * rise * per_degree * covariance[0][1]
         + per_degree.powi(2) * covariance[1][1];
     let rms = |f: &dyn Fn(&Point) -> f64| {
@@ -302,7 +310,7 @@ fn fit_axis(
         p0_mm,
         p0_u95_mm: k * covariance[2][2].sqrt(),
         range_mm,
-        noise_mm: noise * widen,
+        noise_mm: noise * scatter,
         before_rms_mm: rms(&|p| p.error_mm),
         after_rms_mm: rms(&|p| {
             p.error_mm - per_degree * (p.screw_c - t0) * (p.position_mm - p0_mm)
@@ -316,8 +324,8 @@ fn fit_axis(
                 slope_um_per_m: 1e6 * l.slope,
                 slope_u95_um_per_m: 1e6
                     * k95(points.len() as f64 - 2.0 * runs.len() as f64)
-                    * noise
-                    * l.slope_factor,
+                    * (noise * l.slope_factor)
+                    * serial.sqrt(),
                 intercept_mm: l.intercept,
             })
             .collect(),
