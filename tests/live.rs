@@ -216,10 +216,10 @@ fn an_average_is_as_good_as_it_says() {
              [spot]\noffset_mm = [0.0, 0.0]\nradius_mm = 0.2\nlevel = 0.3\n"
         );
         std::fs::write(pictures.path().join("scene.toml"), text).unwrap();
-        let scene = BurnScene::read(&pictures.path().join("scene.toml")).unwrap();
+        let scene = BurnScene::read(pictures.path().join("scene.toml")).unwrap();
         for seed in 0..12 {
             let made = burn::render(&scene, seed).unwrap();
-            made.picture.write_png(&pictures.picture(&format!("{seed:02}.png"))).unwrap();
+            made.picture.write_png(pictures.picture(&format!("{seed:02}.png"))).unwrap();
             let calib = pictures.path().join("calib.toml");
             std::fs::write(calib, made.camera.calibration.to_toml()).unwrap();
         }
