@@ -107,6 +107,7 @@ pub(super) fn solve(
     })
 }
 
+/// Positions that leave the mapping open.
 pub(super) fn undetermined() -> Error {
     Error::measure(
         "captures",

@@ -122,6 +122,7 @@ impl Mark {
     }
 }
 
+/// Pixels of the full picture from those of a reduced one.
 fn full(p: Vector2<f64>, factor: usize) -> Vector2<f64> {
     let k = factor as f64;
     p * k + Vector2::repeat((k - 1.0) / 2.0)

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 
-use crate::frame::{Gray, Sample};
+use crate::frame::Gray;
 
 /// Correlation with the reference below which it is not the same thing.
 const LEAST_CORRELATION: f64 = 0.6;
@@ -17,11 +17,7 @@ pub struct Patch {
 
 impl Patch {
     /// Cuts it out at `place`; `offsets` that lie outside the picture are left out.
-    pub fn cut<T: Sample>(
-        image: &Gray<T>,
-        place: Vector2<f64>,
-        offsets: Vec<Vector2<f64>>,
-    ) -> Self {
+    pub fn cut(image: &Gray<f32>, place: Vector2<f64>, offsets: Vec<Vector2<f64>>) -> Self {
         let reach = offsets.iter().map(Vector2::norm).fold(0.0, f64::max);
         let points =
             offsets.into_iter().filter_map(|d| Some((d, cubic(image, place + d)?.0))).collect();
@@ -37,9 +33,9 @@ impl Patch {
 
     /// Its place in another picture near `rough`, and the standard uncertainty that the pixels' noise leaves. `None` where it is
     /// not within `most_px`, or where less than half of it is in the picture.
-    pub fn register<T: Sample>(
+    pub fn register(
         &self,
-        image: &Gray<T>,
+        image: &Gray<f32>,
         rough: Vector2<f64>,
         most_px: f64,
     ) -> Option<(Vector2<f64>, f64)> {
@@ -91,7 +87,7 @@ impl Patch {
 }
 
 /// Value and slope by Keys' cubic convolution; `None` near the border.
-fn cubic<T: Sample>(image: &Gray<T>, p: Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
+fn cubic(image: &Gray<f32>, p: Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
     let (x, y) = (p.x.floor(), p.y.floor());
     if !(x >= 1.0 && y >= 1.0 && x + 3.0 <= image.width as f64 && y + 3.0 <= image.height as f64) {
         return None;
@@ -103,7 +99,7 @@ fn cubic<T: Sample>(image: &Gray<T>, p: Vector2<f64>) -> Option<(f64, Vector2<f6
         let row = &image.row(y as usize + j - 1)[x as usize - 1..x as usize + 3];
         let (mut v, mut s) = (0.0, 0.0);
         for i in 0..4 {
-            let pixel = f64::from(row[i].value());
+            let pixel = f64::from(row[i]);
             v += wx[i] * pixel;
             s += dx[i] * pixel;
         }

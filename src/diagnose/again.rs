@@ -12,24 +12,24 @@ const CLEARLY: f64 = 6.0;
 impl Selection {
     /// Grows an answer with shapes again from its names, by names only and then as usual; keeps the likelier one.
     pub(super) fn grow_again(&mut self, fitter: &Fitter) {
-        let first = self.fitted.clone();
-        let extras = &first.model.extras;
+        let extras = &self.fitted.model.extras;
         let shape = |i: &usize| matches!(extras[*i].kind, Extra::Generic(_));
         let shapes: Vec<Part> = (0..extras.len()).filter(shape).map(Part::Extra).collect();
         if shapes.is_empty() {
             return;
         }
+        let first = self.fitted.clone();
+        let more = |f: &Fitted| f.model.active.len().saturating_sub(first.model.active.len());
         self.fitted = fitter.fit(remove_all(&first.model, &shapes), Some(&first.noise));
         self.shapes = false;
         self.grow(fitter);
         self.shapes = true;
-        if self.fitted.model.active.len() > first.model.active.len() {
+        if more(&self.fitted) > 0 {
             self.grow(fitter);
         }
-        let names = |f: &Fitted| f.model.active.len() as f64;
-        let more = names(&self.fitted) - names(&first);
-        let gain = worth(fitter, &self.fitted) - worth(fitter, &first);
-        if more <= 0.0 || gain < CLEARLY * more {
+        let names = more(&self.fitted);
+        let likelier = || worth(fitter, &self.fitted) - worth(fitter, &first);
+        if names == 0 || likelier() < CLEARLY * names as f64 {
             self.fitted = first;
         }
     }

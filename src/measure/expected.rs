@@ -1,5 +1,7 @@
 //! One circle of an expected diameter: which of the edges in a picture it is, measured.
 
+use std::cell::LazyCell;
+
 use crate::camera::View;
 use crate::find::{self, Candidate, ITSELF, Look, Sides};
 use crate::fit::Circle;
@@ -194,21 +196,22 @@ impl Picture<'_> {
     fn measure(&self, c: &Candidate, neighbours: &[Candidate]) -> Option<Found> {
         let (rough, search) = around(self.view, c, neighbours);
         // What neither stands out nor is clear at the first glance will not be found to be a circle.
-        let stands_out = self.stands_out(c);
-        let worth = |points: &Points| stands_out || points.clarity() >= FAINT;
+        let stands_out = LazyCell::new(|| self.stands_out(c));
+        let worth = |points: &Points| points.clarity() >= FAINT || *stands_out;
+        let judge = |ring, search| self.judge(c, ring, search, || *stands_out);
         let look = |search| ring::measure_if(self.frame, self.view, rough, search, None, &worth);
         let ring = look(search)?;
         let astray = |ring: &Ring| ring.circle.apart(&rough) > ASTRAY * rough.radius;
         if astray(&ring) {
             let nearer = NEARBY.iter().find_map(|softnesses| {
                 let search = search.nearby(*softnesses);
-                look(search).filter(|r| !astray(r)).and_then(|r| self.judge(c, r, search))
+                look(search).filter(|r| !astray(r)).and_then(|r| judge(r, search))
             });
             if nearer.is_some() {
                 return nearer;
             }
         }
-        self.judge(c, ring, search)
+        judge(ring, search)
     }
 
     /// Whether a candidate stands out from its surface, as far as that can be told.
@@ -218,8 +221,14 @@ impl Picture<'_> {
         find::stands_out(self.look, c, Sides::Edge, &rivals) != Some(false)
     }
 
-    /// Whether what was measured is a circle of the expected size.
-    fn judge(&self, c: &Candidate, ring: Ring, search: Search) -> Option<Found> {
+    /// Whether what was measured is a circle of the expected size; `stands_out` is asked only of what is not clear by itself.
+    fn judge(
+        &self,
+        c: &Candidate,
+        ring: Ring,
+        search: Search,
+        stands_out: impl FnOnce() -> bool,
+    ) -> Option<Found> {
         let ring = ring.perhaps_soft();
         let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
         if off > DIAMETER_WINDOW
@@ -232,7 +241,7 @@ impl Picture<'_> {
         if is_regular(&ring) && !faint {
             return Some(Found::Circle((ring, search)));
         }
-        if !self.stands_out(c) {
+        if !stands_out() {
             return None;
         }
         if form(&ring) < if faint { REGULAR } else { RAGGED } {
