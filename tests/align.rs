@@ -226,14 +226,48 @@ fn a_straight_path_stays_straight_between_the_points() {
     let report = apply(&alignment, &machine(), &cl, &nc, &Options::default()).unwrap();
     assert!(report.log.added > 20 && report.log.long_rotary.count > 0);
     assert_eq!(report.log.not_held.count, 0);
-    let chain = machine().chain().unwrap();
-    let rows: Vec<Vec<f64>> = numbers(&nc).into_iter().filter(|r| r.len() == 6).collect();
-    let joints = |r: &[f64]| [r[1], r[2], r[3], r[4].to_radians(), r[5].to_radians()];
     let corners = [
         Vector3::new(80.0, 0.0, 40.0),
         Vector3::new(0.0, 80.0, 40.0),
         Vector3::new(0.0, -80.0, 40.0),
     ];
+    assert_on_path(&nc, &machine(), &corners);
+}
+
+#[test]
+fn a_path_that_nearly_meets_the_pole_is_held() {
+    let dir = tempfile::tempdir().unwrap();
+    let (cl, nc) = (dir.path().join("p.cl"), dir.path().join("p.nc"));
+    let head_b = dir.path().join("m.toml");
+    std::fs::write(
+        &head_b,
+        "schema = 1\nname = \"m\"\n[head]\ndelta_x_mm = 0.3\nr_mm = 214.7\nstandoff_mm = 1\n\
+         [table]\nxc_mm = 400\nyc_mm = -87\nzc_mm = -310\n",
+    )
+    .unwrap();
+    let alignment = fitted(&touches(0.0, 0.0, Vector3::zeros(), 4, 0.0, 0), &IDEAL);
+    for machine in [machine(), Machine::read(&head_b).unwrap()] {
+        // The tool's direction passes the C axis at `miss` rad: C turns by nearly half a turn there.
+        for miss in [0.0, 1e-6, 1e-5, 1e-4, 3e-4, 1e-3] {
+            let text = format!(
+                "60 80 40 {miss} 0.02 0.9998\n60 40 40 {miss} 0.003 0.9999955\n\
+                 60 -30 40 {miss} -0.004 0.999992\n60 -80 40 {miss} -0.02 0.9998\n"
+            );
+            std::fs::write(&cl, text).unwrap();
+            let log = apply(&alignment, &machine, &cl, &nc, &Options::default()).unwrap().log;
+            assert_eq!(log.not_held.count, 0, "passing at {miss}");
+            assert!(log.added < 4096);
+            let ends = [Vector3::new(60.0, 80.0, 40.0), Vector3::new(60.0, -80.0, 40.0)];
+            assert_on_path(&nc, &machine, &ends);
+        }
+    }
+}
+
+/// The posted moves, joints straight between them, stay by the polyline through `corners`.
+fn assert_on_path(nc: &Path, machine: &Machine, corners: &[Vector3<f64>]) {
+    let chain = machine.chain().unwrap();
+    let rows: Vec<Vec<f64>> = numbers(nc).into_iter().filter(|r| r.len() == 6).collect();
+    let joints = |r: &[f64]| [r[1], r[2], r[3], r[4].to_radians(), r[5].to_radians()];
     for pair in rows.windows(2) {
         let (a, b) = (joints(&pair[0]), joints(&pair[1]));
         for part in [0.2, 0.4, 0.6, 0.8] {

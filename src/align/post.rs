@@ -6,8 +6,11 @@ use nalgebra::Vector3;
 use crate::error::{Error, Result};
 use crate::machine::{Chain, Joints, ToolPose};
 
-/// Most halvings of one move.
-const DEEPEST: u32 = 12;
+/// Most halvings of one move: where the tool passes a singular pose at the 1e-7 rad at which it counts as met, a
+/// rotary axis turns by half a turn within some 1e-7 of the move.
+const DEEPEST: u32 = 32;
+/// Most points added in one move.
+const MOST_ADDED: usize = 4096;
 /// A rotary move longer than this is reported.
 const LONG_MOVE_RAD: f64 = 0.5;
 
@@ -164,11 +167,17 @@ impl Poster {
         if !off {
             return Ok(true);
         }
-        if depth == 0 {
+        if depth == 0 || through.len() >= MOST_ADDED {
             return Ok(false);
         }
         let (t, near) = along(0.5);
-        let middle = self.solve(line, &path(t), &near)?[0];
+        let ways = self.solve(line, &path(t), &near)?;
+        // Between two points of one branch the path stays on it, however near it passes a singular pose: there the
+        // other branch may be nearer to the middle of the joints, and a jump to it and back would leave the path.
+        let side = self.chain.branch(from.1);
+        let one = side * self.chain.branch(to.1) > 0.0;
+        let on_it = |q: &&Joints| one && self.chain.branch(q) * side > 0.0;
+        let middle = *ways.iter().find(on_it).unwrap_or(&ways[0]);
         if !self.split(line, from, (t, &middle), path, depth - 1, through)? {
             return Ok(false);
         }

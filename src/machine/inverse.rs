@@ -93,6 +93,24 @@ impl Chain {
         solutions
     }
 
+    /// On which of the two solutions for a direction the rotary joints of `q` lie: the sign tells them apart, and
+    /// the size says how far they are from where both meet (1 at most, no unit).
+    pub fn branch(&self, q: &Joints) -> f64 {
+        let [w1, w2] = self.rotary_ways();
+        let axis = &self.axes[self.rotary_links()[1]];
+        let travel = axis.sign() * (axis.scale * q[self.slots[self.rotary_links()[1]]] + axis.zero);
+        let middle = Rotation3::from_scaled_axis(w2 * travel) * Vector3::z();
+        middle.dot(&w1.cross(&w2))
+    }
+
+    /// The rotary axes' directions as seen by the tool's direction in the table frame.
+    fn rotary_ways(&self) -> [Vector3<f64>; 2] {
+        self.rotary_links().map(|i| match self.axes[i].side {
+            Side::Head => self.axes[i].direction,
+            Side::Table => -self.axes[i].direction,
+        })
+    }
+
     /// The first axis (in the order of [`Joints`]) outside its limits.
     pub fn outside(&self, q: &Joints) -> Option<AxisName> {
         self.names().into_iter().zip(q).find_map(|(name, &value)| {
@@ -134,10 +152,7 @@ impl Chain {
     /// The rotary joints of the ideal chain that point the tool along the unit vector `wanted`.
     fn solve_rotary(&self, wanted: &Vector3<f64>, near: &Joints) -> Vec<Solution> {
         let links = self.rotary_links().map(|i| (&self.axes[i], self.slots[i]));
-        let [w1, w2] = links.map(|(a, _)| match a.side {
-            Side::Head => a.direction,
-            Side::Table => -a.direction,
-        });
+        let [w1, w2] = self.rotary_ways();
         let tool = Vector3::z();
         // z = α w1 + β w2 + γ w1×w2 is where the second rotation brings the tool.
         let c = w1.dot(&w2);
