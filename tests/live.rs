@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::{Duration, Instant};
 
 use nalgebra::Vector2;
+use pivotsight::live::Shot;
+use pivotsight::live::store::{Position, Store};
 use pivotsight::render::{BurnScene, burn};
 use serde_json::Value;
 
@@ -271,6 +273,44 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
     let (_, code, words) = pictures.center(NEVER, &["--overlay", own.to_str().unwrap()]);
     assert!(code == Some(2) && words.contains("--overlay") && words.contains("0.jpg"), "{words}");
     assert_eq!(std::fs::read(&own).unwrap(), before);
+}
+
+#[test]
+fn positions_without_a_picture_are_told_and_a_folder_is_not_stored_into_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shots, store) = (folder.path().join("shots"), folder.path().join("store"));
+    let positions = folder.path().join("positions.csv");
+    std::fs::create_dir(&shots).unwrap();
+    for (i, jpeg) in frames(folder.path(), PLACE, 2).iter().enumerate() {
+        std::fs::write(shots.join(format!("{i}.jpg")), jpeg).unwrap();
+    }
+    let capture = |into: &Path, table: &str| {
+        std::fs::write(&positions, table).unwrap();
+        let [shots, into, at] = [&shots, into, &positions].map(|p| p.to_str().unwrap());
+        run(&["capture", shots, "--store", into, "--positions", at])
+    };
+    // What is refused makes no folder.
+    let (_, code, said) = capture(&store, "x_mm,y_mm\n1,nan\n");
+    assert!(code == Some(2) && said.contains("positions.csv:2") && !store.exists(), "{said}");
+    let (_, code, said) = capture(&shots, "x_mm,y_mm\n1,2\n");
+    assert!(code == Some(2) && said.contains("--store"), "{said}");
+    let (json, code, said) = capture(&store, "x_mm,y_mm\n1,2\n3,4\n5,6\n");
+    assert_eq!((code, json["results"].as_array().unwrap().len()), (Some(3), 2), "{said}");
+    assert!(json["warnings"][0].as_str().unwrap().contains("the last 1 of 3"), "{json}");
+    // An editor left the last line open, and another session adds rows meanwhile: no row is lost.
+    let manifest = store.join("captures.csv");
+    let text = std::fs::read_to_string(&manifest).unwrap();
+    std::fs::write(&manifest, text.trim_end()).unwrap();
+    let shot = || Shot::Encoded(std::fs::read(shots.join("0.jpg")).unwrap(), None);
+    let at = Position { x_mm: 7.0, y_mm: 8.0, c_deg: 0.0 };
+    let (mut one, mut two) = (Store::open(&store).unwrap(), Store::open(&store).unwrap());
+    one.add(&shot(), at).unwrap();
+    two.add(&shot(), at).unwrap();
+    one.add(&shot(), at).unwrap();
+    let rows: Vec<String> =
+        std::fs::read_to_string(&manifest).unwrap().lines().skip(1).map(str::to_owned).collect();
+    assert_eq!(rows.len(), 5, "{rows:?}");
+    assert_eq!(rows[1..3], ["capture-0002.jpg,3,4,0", "capture-0003.jpg,7,8,0"]);
 }
 
 /// Starts the program with pipes.

@@ -1,9 +1,9 @@
 //! `pivotsight capture`: pictures with the machine's position, in the manifest that `rod` reads.
 
 use std::io::BufRead;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use super::{Global, Outcome, result, rows};
+use super::{Global, Outcome, Status, result, rows};
 use crate::error::{Error, Result};
 use crate::live::store::{Position, Store};
 use crate::live::{Event, Feed, Shot};
@@ -53,7 +53,15 @@ pub struct Captured {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let positions = args.positions.as_deref().map(Position::read).transpose()?;
     let mut feed = Feed::open(&args.source)?;
+    if same_folder(args.source.as_ref(), &args.store) {
+        return Err(Error::option(
+            "--store",
+            "is the folder that is read: its captures would be taken again by the next run",
+            "name another folder",
+        ));
+    }
     let mut store = Store::open(&args.store)?;
     let mut lines = std::io::stdin().lock().lines();
     let mut line = || -> Result<Option<String>> {
@@ -67,9 +75,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         results.push(Captured { image: name, x_mm: at.x_mm, y_mm: at.y_mm, c_deg: at.c_deg });
         Ok(true)
     };
-    match &args.positions {
-        Some(path) => {
-            for at in Position::read(path)? {
+    match &positions {
+        Some(positions) => {
+            for &at in positions {
                 if feed.is_live() {
                     global.say(format_args!(
                         "drive to X {} Y {} C {}, then press Enter",
@@ -108,8 +116,29 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         dropped: stats.dropped,
         reconnects: stats.reconnects,
     };
-    let json = result("capture", &args.source, &[], &output);
-    Ok(Outcome::good(Document { json, rows: rows(&output.results), table }))
+    let taken = output.results.len();
+    let asked = positions.map_or(taken, |p| p.len());
+    let mut warnings = Vec::new();
+    if taken < asked {
+        warnings.push(format!(
+            "the source or the input ended: the last {} of {asked} positions have no picture",
+            asked - taken
+        ));
+    }
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let json = result("capture", &args.source, &warnings, &output);
+    let document = Document { json, rows: rows(&output.results), table };
+    let status = match taken {
+        _ if taken == asked => Status::Good,
+        0 => Status::BadInput,
+        _ => Status::SomeFailed,
+    };
+    Ok(Outcome { document: Some(document), status })
+}
+
+/// Whether both name one folder that is there.
+fn same_folder(a: &Path, b: &Path) -> bool {
+    matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
 }
 
 /// A whole picture that came after now; `None` at the source's end.

@@ -70,7 +70,6 @@ impl Position {
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
-    manifest: String,
     next: usize,
 }
 
@@ -78,20 +77,30 @@ impl Store {
     /// Opens or creates the folder.
     pub fn open(folder: &Path) -> Result<Self> {
         create_folder(folder)?;
-        let path = folder.join(MANIFEST);
-        let manifest = match std::fs::read_to_string(&path) {
-            Ok(text) if text.starts_with(HEADER) => text,
-            Ok(_) => {
-                return Err(Error::file(
-                    path,
-                    "was not written by this program",
-                    format!("choose another folder, or make its header {}", HEADER.trim()),
-                ));
+        let store = Self { folder: folder.to_owned(), next: 1 };
+        store.rows()?;
+        Ok(store)
+    }
+
+    /// What the manifest holds, ready for another row.
+    fn rows(&self) -> Result<String> {
+        let path = self.manifest();
+        match std::fs::read_to_string(&path) {
+            Ok(mut text) if text.starts_with(HEADER) => {
+                // An editor may have left the last line open.
+                if !text.ends_with('\n') {
+                    text.push('\n');
+                }
+                Ok(text)
             }
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => HEADER.to_owned(),
-            Err(e) => return Err(Error::io(path, "read", e)),
-        };
-        Ok(Self { folder: folder.to_owned(), manifest, next: 1 })
+            Ok(_) => Err(Error::file(
+                path,
+                "was not written by this program",
+                format!("choose another folder, or make its header {}", HEADER.trim()),
+            )),
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => Ok(HEADER.to_owned()),
+            Err(e) => Err(Error::io(path, "read", e)),
+        }
     }
 
     /// Where the manifest is.
@@ -136,10 +145,10 @@ impl Store {
         };
         let name = format!("{stem}.{extension}");
         write_whole(self.folder.join(&name), &bytes)?;
-        let row = format!("{name},{},{},{}\n", at.x_mm, at.y_mm, at.c_deg);
-        let longer = format!("{}{row}", self.manifest);
+        // Read anew: another session, or a hand, may have added rows meanwhile.
+        let rows = self.rows()?;
+        let longer = format!("{rows}{name},{},{},{}\n", at.x_mm, at.y_mm, at.c_deg);
         write_whole(self.manifest(), longer.as_bytes())?;
-        self.manifest = longer;
         Ok(name)
     }
 }
