@@ -304,6 +304,8 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         ("a.nc", format!("{first}G1 B5\n"), "does not have"),
         ("a.nc", format!("{first}G1 X5 STOPRE Y5\n"), "own"),
         ("a.nc", format!("{first}TRAORI\n"), "--rtcp"),
+        ("a.nc", format!("{first}G43.4 H1\n"), "--rtcp"),
+        ("a.nc", format!("{first}G1 X1e-05\n"), "X1e-... has a power of ten"),
         ("a.nc", format!("{first}G28 Z0\nG1 X5\n"), "a.nc:4: block: the position of Y"),
         ("a.nc", "G1 Z5\n".into(), "position of X is not known"),
         ("a.nc", "X0 Y0 Z0 A0 C0\n".into(), "before any G0 or G1"),

@@ -92,6 +92,13 @@ pub fn parse<'a>(
                     )
                 })?;
                 i = start + gap + length;
+                // A program that writes numbers may write 1e-5; the control would read X1 and a word E.
+                if let [b'e' | b'E', b'0'..=b'9' | b'-' | b'+', ..] = bytes[i..] {
+                    return Err((
+                        format!("{letter}{digits}{}... has a power of ten", &text[i..i + 2]),
+                        "write plain numbers (and a word E after a blank)",
+                    ));
+                }
                 if i < bytes.len() && bytes[i] == b'=' {
                     return Err((
                         format!("sets {letter}{digits}"),
@@ -105,7 +112,7 @@ pub fn parse<'a>(
                     continue;
                 }
                 match letter {
-                    'G' => dwell |= g_code(value, modal, block)?,
+                    'G' => dwell |= g_code(value, rtcp, modal, block)?,
                     'X' | 'Y' | 'Z' | 'A' | 'B' | 'C' | 'U' | 'V' | 'W' => {
                         return Err((
                             format!("moves {letter}, which the machine file does not have"),
@@ -150,8 +157,17 @@ fn call(word: &str) -> Refusal {
     (format!("{word} calls a subprogram, whose moves are not seen"), "post it without subprograms")
 }
 
+fn rtcp_on() -> Refusal {
+    ("switches RTCP on".into(), "give --rtcp: positions are then tool points")
+}
+
 /// Judges a G code; whether it makes the block a dwell.
-fn g_code(value: f64, modal: &mut Modal, block: &mut Block<'_>) -> Result<bool, Refusal> {
+fn g_code(
+    value: f64,
+    rtcp: bool,
+    modal: &mut Modal,
+    block: &mut Block<'_>,
+) -> Result<bool, Refusal> {
     let code = (value * 10.0).round() as i64;
     let arc =
         |what: &str| (format!("G{value} is {what}, which cannot be moved"), "post it as G1 points");
@@ -174,6 +190,7 @@ fn g_code(value: f64, modal: &mut Modal, block: &mut Block<'_>) -> Result<bool, 
         910 => return Err(("is incremental".into(), "post it in absolute coordinates (G90)")),
         930 => modal.inverse_time = true,
         940 | 950 => modal.inverse_time = false,
+        434 | 435 if !rtcp => return Err(rtcp_on()),
         90
         | 100
         | 170..=199
@@ -202,9 +219,7 @@ fn word<'a>(rest: &'a str, run: usize, rtcp: bool, block: &mut Block<'a>) -> Res
     let name = rest[..run].to_ascii_uppercase();
     match name.as_str() {
         "TRAORI" | "TRAFOOF" if rtcp => {}
-        "TRAORI" => {
-            return Err(("switches RTCP on".into(), "give --rtcp: positions are then tool points"));
-        }
+        "TRAORI" => return Err(rtcp_on()),
         _ if HARMLESS.contains(&name.as_str()) => {}
         _ if name.starts_with("CYCLE")
             || name.starts_with("POCKET")
