@@ -380,6 +380,36 @@ fn the_machine_command_lists_the_axes_and_draws_the_frames() {
 }
 
 #[test]
+fn a_machine_in_metres_is_doubted() {
+    let folder = tempfile::tempdir().unwrap();
+    let (machine, poses) = (folder.path().join("machine.toml"), folder.path().join("p.csv"));
+    std::fs::write(&poses, "x_mm,y_mm,z_mm,b_deg,c_deg\n0,0,0,30,0\n").unwrap();
+    for (r_mm, doubted) in [(0.2147, true), (214.7, false)] {
+        let mut cell = cell();
+        cell.head.r_mm = r_mm;
+        std::fs::write(&machine, cell.to_toml()).unwrap();
+        for args in [
+            &["machine"][..],
+            &["rtcp", "inverse", "--machine"],
+            &["export", "--control", "sheet", "--machine"],
+        ] {
+            let mut command = Command::cargo_bin("pivotsight").unwrap();
+            command.args(args).arg(&machine);
+            if args[0] == "rtcp" {
+                command.arg("--poses").arg(&poses);
+            }
+            let out = command.assert().success().get_output().clone();
+            let said = String::from_utf8(out.stderr).unwrap();
+            assert_eq!(
+                said.contains("if it is in metres, write 214.7"),
+                doubted,
+                "{args:?}: {said}"
+            );
+        }
+    }
+}
+
+#[test]
 fn a_tool_direction_gives_all_solutions_and_names_the_singular_one() {
     let folder = tempfile::tempdir().unwrap();
     let (machine, poses) = (folder.path().join("machine.toml"), folder.path().join("poses.csv"));

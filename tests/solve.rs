@@ -292,6 +292,7 @@ fn bad_sessions_are_refused_with_the_key_to_correct() {
         ("center_mm = [412.3, -87.6]", "", "either result or center_mm"),
         ("[touch]", "[touch]\nb2_deg = 80.0", "same side"),
         ("[touch]", "[touch]\nb2_deg = -5.0", "too near"),
+        ("[touch]", "[touch]\nb_zero_u_deg = 50.0", "touch.b_zero_u_deg"),
         ("[rod]", "[rod", "TOML"),
     ] {
         std::fs::write(&session, SESSION.replace(from, to)).unwrap();

@@ -138,7 +138,7 @@ fn apply_to(args: &ApplyArgs, global: &Global) -> Result<Outcome> {
             if l.count > 10 { ", ..." } else { "" }
         )
     };
-    let mut warnings = Vec::new();
+    let mut warnings = machine.doubts();
     if log.singular.count > 0 {
         warnings.push(format!("singular poses, a rotary axis is free: {}", list(&log.singular)));
     }

@@ -62,10 +62,11 @@ pub struct Change {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let made = export(&Machine::read(&args.machine)?, args.control)?;
+    let machine = Machine::read(&args.machine)?;
+    let made = export(&machine, args.control)?;
     let unconfirmed =
         made.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();
-    let mut warnings = Vec::new();
+    let mut warnings = machine.doubts();
     if unconfirmed > 0 {
         warnings.push(format!(
             "{unconfirmed} of {} values are marked NOT CONFIRMED: check them against the control's manual",

@@ -59,6 +59,8 @@ struct Axis {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     let chain = machine.chain()?;
+    let warnings = machine.doubts();
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(path) = &args.figure {
         if machine.kinematics != Kinematics::default() {
             let fix = "leave --figure out";
@@ -110,6 +112,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         axes,
         effects: machine.effects,
     };
-    let json = result("machine", &args.machine, &[], &output);
+    let json = result("machine", &args.machine, &warnings, &output);
     Ok(Outcome::good(Document::single(json, table)))
 }

@@ -58,7 +58,8 @@ struct Row {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let chain = Machine::read(&args.machine)?.chain()?;
+    let machine = Machine::read(&args.machine)?;
+    let chain = machine.chain()?;
     let rotary = chain.rotary_names().map(column);
     let optional = [rotary[0].as_str(), &rotary[1], "i", "j", "k"];
     let table = Table::read(&args.poses, &["x_mm", "y_mm", "z_mm"], &optional)?;
@@ -73,11 +74,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let field = format!("column '{name}'");
         return Err(Error::field(&args.poses, None, field, reason, fix));
     }
-    let poses = if directed {
+    let mut poses = if directed {
         all_solutions(&chain, &table, &rotary)?
     } else {
         one_by_one(&chain, &table, &rotary, args.way)?
     };
+    poses.warnings.extend(machine.doubts());
     poses.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
 
     // Poses are a table by nature: people get the CSV too, with nine decimals.

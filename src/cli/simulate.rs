@@ -147,7 +147,9 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
     let sweep = Sweep::read(&args.data)?;
     let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
-    if !model.effects.is_empty() {
+    if model.effects.is_empty() {
+        warnings.extend(model.doubts());
+    } else {
         let experiment = source(args).load(&mut warnings)?;
         add_effects(experiment.as_ref(), &mut d);
     }

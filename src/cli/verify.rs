@@ -119,6 +119,7 @@ pub struct Planned {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
+    machine.doubts().iter().for_each(|d| global.say(format_args!("warning: {d}")));
     match (&args.data, &args.plan) {
         (Some(data), _) => compare(args, &machine, data, global),
         (None, Some(folder)) => suggest(args, &machine, folder, global),

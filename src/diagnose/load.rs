@@ -65,6 +65,7 @@ impl Source {
     /// Reads everything.
     pub fn load(&self, warnings: &mut Vec<String>) -> Result<Box<dyn Experiment>> {
         let machine = self.machine()?;
+        warnings.extend(machine.doubts());
         let kind = self.kind.to_possible_value();
         let kind = kind.as_ref().map_or("", |k| k.get_name());
         let of_file = self.effects.as_ref().map(|path| own::read(path, kind)).transpose()?;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::machine::axis::{Axis, AxisName, Side};
 use crate::machine::chain::Chain;
-use crate::tomlfile;
+use crate::{tomlfile, units};
 
 /// A machine file. Lengths in mm, angles in degrees; `docs/machine.md` explains each key.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -212,6 +212,11 @@ impl Machine {
     pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self> {
         let path = path.as_ref();
         Self::checked(path, tomlfile::parse(path, text)?)
+    }
+
+    /// Lengths that look as if they were in another unit than mm.
+    pub fn doubts(&self) -> Vec<String> {
+        units::pivot("the machine's head.r_mm", self.head.r_mm).into_iter().collect()
     }
 
     fn checked(path: &Path, mut machine: Self) -> Result<Self> {

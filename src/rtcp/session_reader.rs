@@ -14,6 +14,9 @@ use crate::units;
 /// Standard uncertainty taken for a length whose own is not given, mm.
 const DEFAULT_U_MM: f64 = 0.005;
 
+/// A standard uncertainty of B's zero beyond this is a slip: the head would stand visibly askew.
+const MOST_B_ZERO_U_DEG: f64 = 5.0;
+
 /// What is known of the rod.
 struct RodSeen {
     axis_center_mm: [Measured; 2],
@@ -111,7 +114,19 @@ impl Reader<'_> {
             from_burn = Some((x.value.hypot(x.u) / height).atan());
         }
         match (touch.b_zero_u_deg, from_burn) {
-            (Some(u), _) => Ok(self.uncertainty("touch.b_zero_u_deg", u)?.to_radians()),
+            (Some(u), _) => {
+                let u = self.uncertainty("touch.b_zero_u_deg", u)?;
+                if u > MOST_B_ZERO_U_DEG {
+                    let fix =
+                        "set B to zero by a burn test first, or correct the number (in degrees)";
+                    return Err(self.wrong(
+                        "touch.b_zero_u_deg",
+                        format!("is {u}: such a B zero is not known"),
+                        fix,
+                    ));
+                }
+                Ok(u.to_radians())
+            }
             (None, Some(u)) => Ok(u),
             (None, None) => {
                 self.warnings.push(
@@ -292,7 +307,7 @@ impl Reader<'_> {
     }
 
     /// The machine as the control holds it now; what is not given is taken as zero.
-    fn control(&self, control: &Control, c_sense: i32) -> Result<Machine> {
+    fn control(&mut self, control: &Control, c_sense: i32) -> Result<Machine> {
         let Control { machine, delta_x_mm, r_mm, xc_mm, yc_mm, zc_mm } = control;
         let mut now = match machine {
             Some(file) => Machine::read(self.beside(file))?,
@@ -315,6 +330,7 @@ impl Reader<'_> {
                 *place = self.length("control", *value)?;
             }
         }
+        self.warnings.extend(now.doubts());
         Ok(now)
     }
 
