@@ -124,12 +124,17 @@ impl Table {
             }
             if record.len() < names.len() || filled > names.len() {
                 let fields = filled.max(record.len().min(names.len()));
+                let fix = if fields > names.len() {
+                    "leave out what is too much (a decimal comma parts a number in two: write a point)"
+                } else {
+                    "complete the row (a run killed half way leaves such a line at the end)"
+                };
                 return Err(Error::field(
                     path,
                     Some(line),
                     "row",
                     format!("has {fields} fields where the header has {}", names.len()),
-                    "complete the row (a run killed half way leaves such a line at the end)",
+                    fix,
                 ));
             }
             record.truncate(names.len());

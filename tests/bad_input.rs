@@ -212,7 +212,7 @@ fn wrong_cells_are_named_with_line_and_column() {
     says("t.csv", "angle_deg,deviation_mm\n0,0.1\n5,\n", rotary, &["t.csv:3", "deviation_mm"]);
     says("t.csv", "angle_deg,deviation_mm\n0,1\n,\n", rotary, &["t.csv:3", "is empty"]);
     says("t.csv", "Angle_deg,deviation_mm\n0,1\n", rotary, &["did you mean 'angle_deg'?"]);
-    says("t.csv", "angle_deg,deviation_mm\n0,0,1\n", rotary, &["t.csv:2"]);
+    says("t.csv", "angle_deg,deviation_mm\n0,0,1\n", rotary, &["t.csv:2", "decimal comma"]);
     says("t.csv", "angle_deg,deviation_mm\n0,1e999\n", rotary, &["t.csv:2", "deviation_mm"]);
     says(
         "t.csv",

@@ -240,6 +240,11 @@ fn bad_input_is_named_and_measures_nothing() {
             &["--pivot-mm", "600", "--table", "t.csv"],
             "--step-deg",
         ),
+        (
+            "angle_deg,deviation_mm\n0,0.01\n5,0.01\n9.8,0.01\n15,0.01\n",
+            &["--pivot-mm", "600", "--table", "t.csv"],
+            "angle_deg: the smallest step between the measured angles, 4.800000°, does not divide",
+        ),
     ] {
         std::fs::write(&input, text).unwrap();
         let out = rotary().arg(&input).args(args).assert().code(2).get_output().clone();

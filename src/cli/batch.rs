@@ -12,7 +12,7 @@ use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
 
-/// Measure many pictures; resumes after any interruption
+/// Measure many pictures into the folder given by --out; resumes after any interruption
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// A folder, a quoted pattern ('shots/*.png'), a CSV manifest (columns image and optionally calib) or one picture

@@ -57,11 +57,18 @@ impl Curve {
         let smallest =
             self.points.windows(2).map(|w| w[1].0 - w[0].0).fold(f64::INFINITY, f64::min);
         let step = step_deg.unwrap_or(smallest);
+        // Without a step of the user's own it is the measured angles that do not fit.
+        let (from, given) = match step_deg {
+            Some(_) => ("--step-deg", format!("{step}°")),
+            None => {
+                ("angle_deg", format!("the smallest step between the measured angles, {step:.6}°,"))
+            }
+        };
         if !(step.is_finite() && step > 0.0) {
             return Err(Error::option(
-                "--step-deg",
+                from,
                 "the sweep has no two angles to take a step from, or the step is not above 0",
-                "measure more angles or give a step",
+                "measure more angles or give --step-deg",
             ));
         }
         let (low, high) = if self.modulo {
@@ -72,17 +79,17 @@ impl Curve {
         let count = (high - low) / step;
         if count > MAX_POINTS as f64 {
             return Err(Error::option(
-                "--step-deg",
-                format!("{step}° gives more than {MAX_POINTS} table points"),
-                "give a larger step",
+                from,
+                format!("{given} gives more than {MAX_POINTS} table points"),
+                "give a larger --step-deg",
             ));
         }
         let steps = count.round() as usize;
         if (count - steps as f64).abs() > 1e-6 * count {
             return Err(Error::option(
-                "--step-deg",
-                format!("{step}° does not divide the range {low}° to {high}°"),
-                "give a step that does",
+                from,
+                format!("{given} does not divide the range {low}° to {high}°"),
+                "give a --step-deg that does: values between the measured angles are interpolated",
             ));
         }
         Ok((0..=steps).map(|i| low + (high - low) * i as f64 / steps as f64).collect())

@@ -14,6 +14,9 @@ const MARGIN: f64 = 0.05;
 
 /// What the control sends.
 #[derive(Debug, Clone, Default, Deserialize)]
+#[serde(
+    expecting = "an object such as {\"position_mm\":{\"x\":1},\"screw_c\":{\"x\":20},\"head_c\":[20]}"
+)]
 pub struct Request {
     /// Position of each axis to correct.
     pub position_mm: BTreeMap<String, f64>,
