@@ -50,6 +50,32 @@ fn a_clear_spot_in_a_fine_ring_is_measured() {
     }
 }
 
+/// A spot may be nearly half as large as its ring; where there is none nothing is taken for it.
+#[test]
+fn a_large_spot_is_measured() {
+    for offset_px in [Vector2::new(0.4, -0.3), Vector2::new(-1.1, 0.7), Vector2::new(2.3, 1.2)] {
+        let off_mm = off_mm(&burn(150.0, 120.0, 65.0, offset_px).unwrap(), offset_px);
+        assert!(off_mm < 0.0005, "{offset_px}: off by {off_mm}");
+    }
+    let error = burn(150.0, 120.0, 0.0, Vector2::zeros());
+    assert!(error.is_err(), "{:?}", error.map(|m| m.report.spot.diameter_mm));
+}
+
+/// The grooves about the middle of a turned plate are circles, too.
+#[test]
+fn the_middle_of_a_turned_plate_is_no_second_burn() {
+    let (burn, middle) = (Vector2::new(400.3, 300.2), Vector2::new(110.0, 90.0));
+    let offset_px = Vector2::new(1.3, -0.8);
+    let seen = picture(|p| {
+        let r = (p - burn).norm();
+        let burnt = (80.0..130.0).contains(&r) || (p - burn - offset_px).norm() < 30.0;
+        let groove = 3.0 * ((p - middle).norm() / 1.9).sin();
+        if burnt { BURNT } else { PLATE + groove }
+    });
+    let off_mm = off_mm(&measure(&seen).unwrap(), offset_px);
+    assert!(off_mm < 0.001, "off by {off_mm}");
+}
+
 #[test]
 fn the_inner_edge_of_a_wide_annulus_is_no_spot() {
     for part in [0.34, 0.4, 0.45] {

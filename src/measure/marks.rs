@@ -102,9 +102,8 @@ pub(super) fn measure(
         }
         let edges: Vec<Candidate> =
             steady.iter().filter(|c| concentric(c, outer)).copied().collect();
-        let spots_at = |reach| spot::candidates(&look, outer, &edges, reach);
-        let mut looks =
-            spot::REACHES.into_iter().map(spots_at).filter(|s| !s.is_empty()).peekable();
+        let spots_at = |place| (place, spot::candidates(&look, outer, &edges, place));
+        let mut looks = spot::PLACES.iter().map(spots_at).filter(|(_, s)| !s.is_empty()).peekable();
         if looks.peek().is_none() {
             lone_step = lone_step.max(outer.step.abs());
             continue;
@@ -115,9 +114,9 @@ pub(super) fn measure(
             return Err(two_burns(subject, outer, other));
         }
         let mut is_lone = false;
-        for spots in looks {
+        for (place, spots) in looks {
             let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { break };
-            let inside = spot::Inside { frame, view, ring: &ring, edges: &edges };
+            let inside = spot::Inside { frame, view, ring: &ring, edges: &edges, place };
             let clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
                 let warnings = warnings(&ring, &spot);
@@ -290,8 +289,10 @@ fn second_burn<'a>(
     rings: &'a [Candidate],
     first: &Candidate,
 ) -> Option<&'a Candidate> {
-    // Both are burnt into one plate: a glare is bright where a burn is dark.
-    let burnt = |r: &&Candidate| r.step * first.step > 0.0;
+    /// Step of a second burn as a part of the first one's, at least.
+    const LEAST_STEP: f64 = 0.2;
+    // Both are burnt into one plate: a glare is bright where a burn is dark, the grooves of a turned plate are fainter.
+    let burnt = |r: &&Candidate| r.step / first.step > LEAST_STEP;
     rings.iter().filter(burnt).find(|r| {
         let apart = (r.circle.center - first.circle.center).norm();
         let other = apart > 0.9 * (r.circle.radius + first.circle.radius)
@@ -302,7 +303,7 @@ fn second_burn<'a>(
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
-                && spot::candidates(look, r, &[**r], spot::REACHES[0]).first().is_some_and(spot)
+                && spot::candidates(look, r, &[**r], &spot::PLACES[0]).first().is_some_and(spot)
         };
         other && (rivals || has_spot())
     })

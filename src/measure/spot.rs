@@ -12,12 +12,26 @@ use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
 
-/// Radius of the largest spot, as a part of the ring's.
-const MOST: f64 = 0.45;
-/// How far from the ring's centre a spot is looked for, in the ring's radii: farther out, as on an annulus' inner edge, where there is
-/// none nearer.
-pub(super) const REACHES: [f64; 2] = [0.7, 0.9];
-/// Out there it must be whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
+/// Where a spot is looked for, and how large, in the ring's radii.
+pub(super) struct Place {
+    /// Farthest from the ring's centre.
+    reach: f64,
+    /// Radii of circles that are looked for.
+    radii: (f64, f64),
+    /// Radii of spots as measured: beyond is the inner edge of an annulus, or a ripple.
+    measured: (f64, f64),
+}
+
+/// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, and a large one.
+pub(super) const PLACES: [Place; 3] = [
+    Place { reach: 0.7, radii: (0.05, 0.45), measured: (0.0, 0.36) },
+    Place { reach: 0.9, radii: (0.05, 0.45), measured: (0.0, 0.36) },
+    Place { reach: 0.5, radii: (0.3, 0.75), measured: (0.3, 0.7) },
+];
+/// A large one is as sharp as the ring, to a pixel, as the ring's own zones are softer, and burnt as the ring is: its softness and its
+/// step as parts of the ring's.
+const LARGE: (f64, f64) = (1.1, 0.25);
+/// Far out or large it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
 const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
 const OWN: (f64, f64) = (0.3, 0.03);
@@ -46,18 +60,17 @@ const PARTLY: f64 = 0.8;
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
 const GAP_RAD: f64 = 0.15;
-/// Radius of a spot as measured, as a part of the ring's: beyond is the inner edge of an annulus, or a ripple.
-const LARGEST: f64 = 0.36;
 
-/// Circles inside a ring, as far from its centre as `reach`, that may be its spot, best first.
+/// Circles inside a ring, at a place, that may be its spot, best first.
 pub(super) fn candidates(
     look: &Look,
     outer: &Candidate,
     edges: &[Candidate],
-    reach: f64,
+    place: &Place,
 ) -> Vec<Candidate> {
     let ring = outer.circle;
-    let most_radius_px = MOST * ring.radius;
+    let (least, most) = place.radii;
+    let most_radius_px = most * ring.radius;
     let is_rings_own = |c: &Candidate| {
         let slack_px = c.scatter_px + outer.scatter_px;
         c.step * outer.step < 0.0 && may_end(&c.circle, &ring, slack_px)
@@ -71,9 +84,9 @@ pub(super) fn candidates(
     let inside = find::circles(
         look,
         find::Options {
-            least_radius_px: (0.05 * ring.radius).max(4.0),
+            least_radius_px: (least * ring.radius).max(4.0),
             most_radius_px,
-            near: Some((ring.center, reach * ring.radius)),
+            near: Some((ring.center, place.reach * ring.radius)),
             least_coverage: 0.55,
             centers: 6,
             known: &known,
@@ -89,13 +102,15 @@ pub(super) fn candidates(
     };
     // A dot that small is believed to be the spot only where the spot should be.
     let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
-    let is_between = |c: &Candidate| off(c) > REACHES[0] && c.coverage < WHOLE;
+    let is_usual = |c: &Candidate| {
+        off(c) <= PLACES[0].reach && c.circle.radius <= PLACES[0].radii.1 * ring.radius
+    };
     let mut spots: Vec<Candidate> = inside
         .into_iter()
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
-                && !is_between(c)
+                && (is_usual(c) || c.coverage > WHOLE)
                 && !is_rings_own(c)
                 && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
                 && c.step.abs() > LEAST_STEP * outer.step.abs()
@@ -137,6 +152,7 @@ pub(super) struct Inside<'a> {
     pub view: &'a View,
     pub ring: &'a Ring,
     pub edges: &'a [Candidate],
+    pub place: &'a Place,
 }
 
 impl Inside<'_> {
@@ -214,6 +230,13 @@ impl Inside<'_> {
         Some(found)
     }
 
+    /// Whether a large circle is whole, sharp and burnt enough for a spot.
+    fn is_clearly_burnt(&self, found: &Ring) -> bool {
+        found.arc_coverage > WHOLE
+            && found.softness_px < LARGE.0 * self.ring.softness_px + 1.0
+            && found.contrast / self.ring.contrast > LARGE.1
+    }
+
     fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
@@ -225,8 +248,9 @@ impl Inside<'_> {
         let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
         let limits = if in_part && found.form_from_texture_mm == 0.0 { &PART } else { &SPOT };
         is_circle(found, self.view, limits)
-            && size < LARGEST
+            && (self.place.measured.0..self.place.measured.1).contains(&size)
             && apart < 1.0
+            && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
             && !is_rings_own
             && !(in_part && self.ring.arc_coverage < PARTLY)
             && !is_polygon(found)
