@@ -115,7 +115,6 @@ impl Store {
         let failed = |e| sqlite(path, e);
         let mut connection = Connection::open(path).map_err(failed)?;
         connection.busy_timeout(Duration::from_secs(10)).map_err(failed)?;
-        connection.pragma_update(None, "journal_mode", "WAL").map_err(failed)?;
         // Two programs may open an old file at the same moment: one migrates, the other waits and finds it done.
         let transaction =
             connection.transaction_with_behavior(TransactionBehavior::Immediate).map_err(failed)?;
