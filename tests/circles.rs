@@ -63,6 +63,22 @@ fn a_soft_edge_is_one_edge() {
     }
 }
 
+/// Where bands of heat tint lie beyond a soft edge, the first of them may lie within it and lean: the centre is less sure. Beyond a sharp
+/// edge it would be seen.
+#[test]
+fn bands_of_tint_make_a_soft_edges_place_less_sure() {
+    let u95_mm = |soft_px: f64, band: f64| {
+        let seen = picture(|p| {
+            let r_px = (p - center()).norm();
+            let edge = |at_px: f64| 1.0 / (1.0 + ((at_px - r_px) / soft_px).exp());
+            60.0 + 100.0 * edge(110.0) - band * (edge(128.0) - edge(140.0))
+        });
+        circle(&seen, 2.2).unwrap().report.circles[0].circle.center_u95_mm[0]
+    };
+    assert!(u95_mm(3.5, 12.0) > 3.0 * u95_mm(3.5, 0.0));
+    assert!(u95_mm(0.7, 12.0) < 1.2 * u95_mm(0.7, 0.0));
+}
+
 /// What wanders about a circle more than an edge does is told.
 #[test]
 fn an_edge_that_is_not_round_is_told() {

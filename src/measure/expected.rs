@@ -6,6 +6,7 @@ use crate::camera::View;
 use crate::find::{self, Candidate, ITSELF, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
+use crate::measure::bands;
 use crate::measure::points::{Points, Search};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -20,6 +21,8 @@ const TRIES: usize = 8;
 const CENTERS: usize = 3;
 /// An edge beside another, told apart from nearby, is seen on so much of its circumference, with such a part of the other's step.
 const BESIDE: (f64, f64) = (0.6, 0.2);
+/// What has a larger part of the step of an edge, beyond it, is no band of tint.
+const MOST_BAND: f64 = 0.4;
 /// Of two such edges that one is meant which is nearer to the expected radius by this part of it.
 const NEARER: f64 = 0.015;
 
@@ -182,14 +185,18 @@ impl Picture<'_> {
 
     /// Clear edges about a candidate's centre, seen from nearby.
     fn beside(&self, c: &Candidate) -> Vec<Candidate> {
+        let clear = |o: &Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
+        told_apart(self.about(c).into_iter().filter(clear).collect())
+    }
+
+    /// Edges about a candidate's centre, seen from nearby.
+    fn about(&self, c: &Candidate) -> Vec<Candidate> {
         let options = find::Options {
             least_radius_px: NEIGHBOURS.start * self.radius_px,
             most_radius_px: NEIGHBOURS.end * self.radius_px,
             ..options(self.radius_px, 0.0)
         };
-        let clear = |o: &Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
-        let nearby = find::about(self.frame, c.circle.center, options);
-        told_apart(nearby.into_iter().filter(clear).collect())
+        find::about(self.frame, c.circle.center, options)
     }
 
     /// A candidate measured, if it is a circle of the expected size.
@@ -229,13 +236,20 @@ impl Picture<'_> {
         search: Search,
         stands_out: impl FnOnce() -> bool,
     ) -> Option<Found> {
-        let ring = ring.perhaps_soft();
+        let mut ring = ring.perhaps_soft();
         let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
         if off > DIAMETER_WINDOW
             || !SAME_STEP.contains(&(ring.contrast / c.step))
             || !may_be_circle(&ring)
         {
             return None;
+        }
+        let pixel_mm = self.view.pixel_mm();
+        if ring.may_hide_tint(pixel_mm) {
+            let mut edges = self.about(c);
+            // A stronger one is another edge of the part: a chamfer's, a washer's rim.
+            edges.retain(|o| o.step.abs() < MOST_BAND * c.step.abs());
+            ring = ring.banded(bands::strongest_beyond(c, &edges), pixel_mm);
         }
         let faint = is_faint(&ring);
         if is_regular(&ring) && !faint {

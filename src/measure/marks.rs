@@ -7,7 +7,8 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::concentric;
+use crate::measure::bands::{self, concentric, is_as_clear};
+use crate::measure::concentric as both_edges;
 use crate::measure::expected::{around, measure_candidate};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -240,11 +241,6 @@ fn shares_center(o: &Candidate, c: &Candidate) -> bool {
         && is_as_clear(o, c)
 }
 
-/// Whether another edge is about as well seen as a candidate.
-fn is_as_clear(o: &Candidate, c: &Candidate) -> bool {
-    o.coverage > 0.6 * c.coverage && o.scatter_px < 2.0 * c.scatter_px + 3.0
-}
-
 /// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
 fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
     /// Edges about the centre, the ring's own included, with such a part of its step.
@@ -262,25 +258,9 @@ fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
     rivals(MOST.1, 0.0) > MOST.0 || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
 }
 
-/// Step of the strongest band beyond a ring, about its centre, as a part of its own.
-fn bands_beyond(ring: &Candidate, edges: &[Candidate]) -> f64 {
-    /// In radii: what a burn's heat tints.
-    const BEYOND: std::ops::Range<f64> = 1.02..1.6;
-    edges
-        .iter()
-        .filter(|o| concentric(o, ring) && is_as_clear(o, ring))
-        .filter(|o| BEYOND.contains(&(o.circle.radius / ring.circle.radius)))
-        .map(|o| (o.step / ring.step).abs())
-        .fold(0.0, f64::max)
-}
-
 /// Whether two may be one edge, seen twice.
 fn alike(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.radius / b.circle.radius - 1.0).abs() < 0.15 && a.step * b.step > 0.0
-}
-
-fn concentric(a: &Candidate, b: &Candidate) -> bool {
-    (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
 }
 
 /// Another ring beside this one, of nearly the same standing or with a spot of its own.
@@ -332,10 +312,10 @@ fn measure_ring(
         good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
     });
     let ring = match inner {
-        Some(inner) => concentric::join(ring, &inner),
+        Some(inner) => both_edges::join(ring, &inner),
         None => ring,
     };
-    Some(ring.banded(bands_beyond(outer, edges), view.pixel_mm()))
+    Some(ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm()))
 }
 
 /// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.

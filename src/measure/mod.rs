@@ -1,5 +1,6 @@
 //! A picture (or captures) → a measurement.
 
+mod bands;
 pub mod burn;
 pub mod circles;
 mod concentric;

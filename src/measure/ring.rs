@@ -96,6 +96,14 @@ impl Ring {
         self
     }
 
+    /// Whether bands of tint, as strong as they come, would widen what is known of its place.
+    pub(super) fn may_hide_tint(&self, pixel_mm: f64) -> bool {
+        /// Of what is known (standard deviations).
+        const MATTERS: f64 = 0.2;
+        let sd_mm = self.center_covariance().trace().sqrt();
+        tint_sd_mm(MOST_TINT, self.softness_px, pixel_mm) > MATTERS * sd_mm
+    }
+
     /// The same for an edge that may be out of focus or soft by itself: the radius is as uncertain as for the latter.
     pub fn perhaps_soft(mut self) -> Self {
         /// A soft edge's rim may be out of place by this part of its softness (standard deviation), and the more the more ragged
