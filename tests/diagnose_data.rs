@@ -71,6 +71,41 @@ fn ball_bar_cups_are_found_wherever_they_are() {
     }
 }
 
+/// A bar read on the way: errors that follow one another (correlation 0.6) are no effect, and hide none that is larger.
+#[test]
+fn a_bars_errors_may_follow_one_another() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    for offset in ["X0B=0", "X0B=0", "X0B=0", "X0B=0", "X0B=0.1"] {
+        let plan =
+            ["ballbar", "simulate", "--path", "zb,zbk-y150", "--steps", "80", "--error", offset];
+        let into = ["--format", "csv", "--out", "data.csv"];
+        assert!(run(&[&plan[..], &into].concat(), folder).status.success());
+        let text = std::fs::read_to_string(folder.join("data.csv")).unwrap();
+        let mut lines = text.lines();
+        let mut own = format!("{}\n", lines.next().unwrap());
+        let mut error = normal();
+        for line in lines {
+            let (place, length) = line.rsplit_once(',').unwrap();
+            let length: f64 = length.parse().unwrap();
+            error = 0.6 * error + 0.8 * normal();
+            writeln!(own, "{place},{:.6}", length + 0.001 * error).unwrap();
+        }
+        std::fs::write(folder.join("data.csv"), own).unwrap();
+        let report = diagnose("ballbar", folder);
+        if offset == "X0B=0" {
+            assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
+        } else {
+            assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+            assert!(class(&report).contains(&"pivot-offset-x"), "{}", report["effects"]);
+        }
+        let noise = report["noise_source"].to_string();
+        assert!(noise.contains("follow one another"), "{noise}");
+    }
+}
+
 /// Two axes with head coefficients of their own; then one of them moved by the room, from the first reading on.
 #[test]
 fn thermal_axes_differ_and_the_room_moves_one_of_them() {

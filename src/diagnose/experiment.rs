@@ -122,6 +122,8 @@ pub struct Layout {
     pub directions: Vec<Direction>,
     /// What the observations may depend on.
     pub variables: Vec<Variable>,
+    /// Whether the values were read on the way, one after another: errors of neighbours may follow one another.
+    pub traced: bool,
     /// Random parts shared within a capture: components, each of one or more columns.
     pub random: Vec<Vec<Vec<f64>>>,
     /// Angle on the artefact at which each value was seen; empty where there is no rim to have a form of its own.

@@ -2,8 +2,9 @@
 
 use std::fmt::Write as _;
 
+use crate::diagnose::basis::{Basis, middle, of_order, smooth};
 use crate::diagnose::experiment::Layout;
-use crate::diagnose::generic::{Basis, Shape, Term, level_edges, middle, smooth};
+use crate::diagnose::generic::{Shape, Term, level_edges};
 
 impl Term {
     /// The formula of the shape with these coefficients, in units of `unit`.
@@ -30,6 +31,21 @@ impl Term {
                 let w = &layout.variables[other];
                 let (a, b) = (smooth(variable), smooth(w));
                 let products = a.iter().flat_map(|p| b.iter().map(move |q| (p, q))).skip(1);
+                for (value, (p, q)) in values.iter().zip(products) {
+                    sum.add(*value, &format!("{}*{}", p.text(name, x), q.text(w.name, &w.values)));
+                }
+            }
+            Shape::Wave(cycles) => {
+                let (mid, half) = middle(x);
+                let phase =
+                    format!("(PI*{}*({name} - {})/{})", number(cycles), number(mid), number(half));
+                sum.add(values[0], &format!("cos{phase}"));
+                sum.add(values[1], &format!("sin{phase}"));
+            }
+            Shape::Product(other, p, q) => {
+                let w = &layout.variables[other];
+                let (a, b) = (of_order(variable, p), of_order(w, q));
+                let products = a.iter().flat_map(|p| b.iter().map(move |q| (p, q)));
                 for (value, (p, q)) in values.iter().zip(products) {
                     sum.add(*value, &format!("{}*{}", p.text(name, x), q.text(w.name, &w.values)));
                 }
@@ -119,7 +135,13 @@ mod tests {
             ..Layout::default()
         };
         let terms = dictionary(&layout);
-        assert!(terms.iter().any(|t| matches!(t.shape, Shape::Surface(_))));
+        for of in [
+            |s: Shape| matches!(s, Shape::Surface(_)),
+            |s: Shape| matches!(s, Shape::Product(..)),
+            |s: Shape| matches!(s, Shape::Wave(_)),
+        ] {
+            assert!(terms.iter().any(|t| of(t.shape)));
+        }
         for term in terms {
             let columns = term.columns(&layout);
             let values: Vec<f64> =

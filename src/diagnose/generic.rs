@@ -3,6 +3,7 @@
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::basis::{legendre, middle, of_order, orders, smooth};
 use crate::diagnose::experiment::{Layout, Variable};
 
 /// A shape in one variable.
@@ -18,6 +19,10 @@ pub enum Shape {
     Levels(usize),
     /// A Gaussian bump at a value, with a standard deviation.
     Bump(f64, f64),
+    /// So many cycles over the variable's range (cosine and sine).
+    Wave(f64),
+    /// A function of one order of the variable times one of another variable: that variable, both orders.
+    Product(usize, u32, u32),
     /// Any smooth function of the variable and this other one together: products of low orders in each.
     Surface(usize),
 }
@@ -39,8 +44,14 @@ const HARMONICS: u32 = 8;
 const PLACES: usize = 12;
 /// Values on either side of a step, where there are many.
 const STEP_BESIDE: usize = 3;
+/// Most cycles of a wave over the range of a variable, in halves, from two on: slower ones are polynomials.
+const WAVES: std::ops::RangeInclusive<u32> = 2..=12;
+/// Least distinct values to a cycle of a wave.
+const VALUES_TO_A_CYCLE: f64 = 4.0;
+/// Highest order in either variable of a product.
+const PRODUCT_ORDER: u32 = 3;
 /// Highest polynomial degree tried.
-const DEGREES: u32 = 4;
+pub(super) const DEGREES: u32 = 4;
 
 /// Levels of a free function: fewer find smooth functions with less noise, more follow fast ones.
 const LEVELS: [usize; 2] = [24, 48];
@@ -48,8 +59,6 @@ const LEVELS: [usize; 2] = [24, 48];
 const VALUES_TO_A_LEVEL: usize = 3;
 /// Least captures to a level or an order of a surface, where the variable is set for a whole capture.
 const CAPTURES_TO_A_LEVEL: usize = 2;
-/// Highest harmonic of a surface round a turn.
-const SURFACE_HARMONICS: u32 = 3;
 
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
@@ -80,6 +89,20 @@ impl Term {
                     })
                     .collect()
             }
+            Shape::Wave(cycles) => {
+                let (mid, half) = middle(x);
+                let phase = move |x: f64| std::f64::consts::PI * cycles * (x - mid) / half;
+                vec![column(&|x| phase(x).cos()), column(&|x| phase(x).sin())]
+            }
+            Shape::Product(other, p, q) => {
+                let v = &layout.variables[other];
+                let of = |w: &Variable, k: u32| {
+                    of_order(w, k).into_iter().map(|f| f.values(&w.values)).collect::<Vec<_>>()
+                };
+                let (a, b) = (of(&layout.variables[self.variable], p), of(v, q));
+                let both = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+                both.map(|(a, b)| (0..x.len()).map(|i| along[i] * a[i] * b[i]).collect()).collect()
+            }
             Shape::Surface(other) => {
                 let functions = |v: &Variable| -> Vec<Vec<f64>> {
                     smooth(v).into_iter().map(|f| f.values(&v.values)).collect()
@@ -104,7 +127,7 @@ impl Term {
                 })]
             }
         };
-        if !matches!(self.shape, Shape::Harmonic(_)) {
+        if self.shape.has_constant() {
             // The shape's mean belongs to it: a library effect must not be called in to make up for it.
             columns.push(along.clone());
         }
@@ -132,6 +155,9 @@ impl Term {
                 let places = (-2..=2).map(|k| at + f64::from(k) * step);
                 places.flat_map(|at| widths.map(|width| Shape::Bump(at, width))).collect()
             }
+            Shape::Wave(cycles) => {
+                [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3].map(|d| Shape::Wave(cycles + d)).into()
+            }
             _ => Vec::new(),
         };
         shapes.into_iter().map(|shape| Self { shape, ..*self }).collect()
@@ -139,14 +165,14 @@ impl Term {
 
     /// Columns that make its size, of `all`; a constant that goes with the shape comes after them.
     pub fn own_columns(&self, all: usize) -> usize {
-        if matches!(self.shape, Shape::Harmonic(_)) { all } else { all - 1 }
+        if self.shape.has_constant() { all - 1 } else { all }
     }
 
     /// Size of a wave, height of a step or bump, largest value of a polynomial, half the range of a free function, mm.
     pub fn amplitude(&self, columns: &DMatrix<f64>, values: &[f64]) -> f64 {
         let own = &values[..self.own_columns(values.len())];
         match self.shape {
-            Shape::Levels(_) | Shape::Surface(_) => {
+            Shape::Levels(_) | Shape::Surface(_) | Shape::Product(..) => {
                 let sums =
                     columns.row_iter().map(|r| r.iter().zip(own).map(|(x, v)| x * v).sum::<f64>());
                 let (low, high) = range(&sums.collect::<Vec<f64>>());
@@ -160,7 +186,9 @@ impl Term {
     pub fn versus(&self, layout: &Layout) -> String {
         let name = |v: usize| layout.variables[v].name;
         match self.shape {
-            Shape::Surface(other) => format!("{}, {}", name(self.variable), name(other)),
+            Shape::Surface(other) | Shape::Product(other, ..) => {
+                format!("{}, {}", name(self.variable), name(other))
+            }
             _ => name(self.variable).into(),
         }
     }
@@ -173,6 +201,8 @@ impl Term {
             Shape::Power(k) => format!("polynomial {k}"),
             Shape::Step(at) => format!("step at {at:.4}"),
             Shape::Levels(count) => format!("irregular, {count} levels"),
+            Shape::Wave(cycles) => format!("wave of {cycles:.1} cycles"),
+            Shape::Product(_, p, q) => format!("product of orders {p} and {q}"),
             Shape::Surface(_) => "surface".into(),
             Shape::Bump(at, width) => format!("bump at {at:.4} of width {width:.3}"),
         }
@@ -196,7 +226,12 @@ impl Term {
                     "{output} depends on {variable} in no simple shape ({count} levels), {size}"
                 )
             }
-            Shape::Surface(other) => {
+            Shape::Wave(cycles) => {
+                format!(
+                    "{output} goes through {cycles:.1} cycles over the range of {variable}, {size}"
+                )
+            }
+            Shape::Surface(other) | Shape::Product(other, ..) => {
                 let other = layout.variables[other].name;
                 format!("{output} depends on {variable} and {other} together, {size}")
             }
@@ -224,15 +259,27 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
                 }
                 terms.push(Term { direction, variable, shape });
             }
+            let most = distinct(&v.values).len() as f64 / VALUES_TO_A_CYCLE;
+            let cycles =
+                WAVES.map(|k| 0.5 * f64::from(k)).filter(|c| !v.angle && !v.within && *c <= most);
+            let waves = cycles.map(Shape::Wave);
+            terms.extend(waves.map(|shape| Term { direction, variable, shape }));
             // Pairs of what is set for a whole capture.
             let later = layout.variables.iter().enumerate().skip(variable + 1);
             for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
                 let slow = |name: &str| ["t_s", "temp_c"].contains(&name);
-                let orders = smooth(v).len() * smooth(w).len();
-                let many = orders > layout.group_count() / CAPTURES_TO_A_LEVEL;
+                let columns = smooth(v).len() * smooth(w).len();
+                let many = columns > layout.group_count() / CAPTURES_TO_A_LEVEL;
                 let varies = varies(&v.values) && varies(&w.values);
                 if !(slow(v.name) && slow(w.name)) && varies && !many {
                     terms.push(Term { direction, variable, shape: Shape::Surface(other) });
+                }
+                if !(slow(v.name) && slow(w.name)) && varies {
+                    let up_to = |v: &Variable| 1..=PRODUCT_ORDER.min(orders(v));
+                    let both = up_to(v).flat_map(|p| up_to(w).map(move |q| (p, q)));
+                    let few = both.filter(|(p, q)| p + q <= PRODUCT_ORDER + 1);
+                    let shapes = few.map(|(p, q)| Shape::Product(other, p, q));
+                    terms.extend(shapes.map(|shape| Term { direction, variable, shape }));
                 }
             }
         }
@@ -247,57 +294,12 @@ fn varies(values: &[f64]) -> bool {
 }
 
 /// The distinct values of a variable, rising.
-fn distinct(values: &[f64]) -> Vec<f64> {
+pub(super) fn distinct(values: &[f64]) -> Vec<f64> {
     let mut distinct = values.to_vec();
     distinct.sort_by(f64::total_cmp);
     let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
     distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
     distinct
-}
-
-/// A smooth function of one variable.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Basis {
-    /// Legendre polynomial over the variable's range.
-    Legendre(u32),
-    /// Cosine of so many cycles a turn.
-    Cos(u32),
-    /// Sine of so many cycles a turn.
-    Sin(u32),
-}
-
-impl Basis {
-    fn values(self, x: &[f64]) -> Vec<f64> {
-        let (mid, half) = middle(x);
-        let of = |x: &f64| match self {
-            Self::Legendre(k) => legendre(k, (x - mid) / half),
-            Self::Cos(k) => (f64::from(k) * x.to_radians()).cos(),
-            Self::Sin(k) => (f64::from(k) * x.to_radians()).sin(),
-        };
-        x.iter().map(of).collect()
-    }
-}
-
-/// Middle and half width of the range of some values.
-pub(super) fn middle(values: &[f64]) -> (f64, f64) {
-    let (low, high) = range(values);
-    ((low + high) / 2.0, ((high - low) / 2.0).max(1e-12))
-}
-
-/// The constant and the lowest orders that the values of a variable can carry: harmonics round a whole turn,
-/// polynomials otherwise.
-pub(super) fn smooth(variable: &Variable) -> Vec<Basis> {
-    let x = &variable.values;
-    let (low, high) = range(x);
-    let orders = distinct(x).len() as u32 - 1;
-    let mut functions = vec![Basis::Legendre(0)];
-    if variable.angle && high - low > 270.0 {
-        let harmonics = 1..=SURFACE_HARMONICS.min(orders / 2);
-        functions.extend(harmonics.flat_map(|k| [Basis::Cos(k), Basis::Sin(k)]));
-    } else {
-        functions.extend((1..=DEGREES.min(orders)).map(Basis::Legendre));
-    }
-    functions
 }
 
 /// Shapes that the distinct values of a variable can carry.
@@ -359,35 +361,28 @@ pub fn range(values: &[f64]) -> (f64, f64) {
     values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
 }
 
-/// Legendre polynomial.
-pub fn legendre(degree: u32, x: f64) -> f64 {
-    let (mut a, mut b) = (1.0, x);
-    if degree == 0 {
-        return a;
-    }
-    for k in 1..degree {
-        let k = f64::from(k);
-        (a, b) = (b, ((2.0 * k + 1.0) * x * b - k * a) / (k + 1.0));
-    }
-    b
-}
-
 impl Shape {
     /// Whether it is a function of no set form.
     pub fn is_free(self) -> bool {
         matches!(self, Self::Levels(_) | Self::Surface(_))
     }
 
-    /// Whether it stands at a place that is searched for.
+    /// Whether it stands at a place, or has a number of cycles, that is searched for.
     pub fn is_placed(self) -> bool {
-        matches!(self, Self::Step(_) | Self::Bump(..))
+        matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
+    }
+
+    /// Whether a constant goes with it: what comes as one whole of cycles, or changes sign with another variable, needs none.
+    pub fn has_constant(self) -> bool {
+        !matches!(self, Self::Harmonic(_) | Self::Product(..))
     }
 
     /// Numbers chosen from a grid besides the coefficients.
     pub fn places(self) -> usize {
         match self {
-            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) | Self::Surface(_) => 0,
-            Self::Step(_) => 1,
+            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) => 0,
+            Self::Surface(_) | Self::Product(..) => 0,
+            Self::Step(_) | Self::Wave(_) => 1,
             Self::Bump(..) => 2,
         }
     }

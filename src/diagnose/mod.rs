@@ -2,6 +2,7 @@
 
 mod again;
 mod algebra;
+mod basis;
 pub mod classes;
 pub mod data;
 mod doubts;
@@ -23,6 +24,7 @@ mod pairs;
 pub mod parts;
 pub mod plan;
 pub mod pool;
+mod repeats;
 pub mod report;
 mod rim;
 pub mod run;

@@ -4,6 +4,7 @@
 //! a change of D touches only a few rows per capture.
 
 mod estimate;
+mod serial;
 
 use std::cell::RefCell;
 use std::rc::Rc;
@@ -12,6 +13,7 @@ use nalgebra::{DMatrix, DVectorView};
 
 use crate::diagnose::algebra::{orthonormal, transposed_times};
 use crate::diagnose::experiment::Layout;
+use crate::diagnose::noise::serial::Serial;
 use crate::diagnose::rim::{MEMORY_DEG, Rim, Whitener};
 
 /// Noise as estimated or given.
@@ -36,6 +38,8 @@ pub struct Space {
     /// What all captures share, with its whitening at the ratios it was last asked for.
     rim: Option<Rim>,
     whitener: RefCell<Option<(Vec<f64>, Rc<Whitener>)>>,
+    /// What neighbours in the file share, where nothing else is shared.
+    serial: Option<Serial>,
 }
 
 #[derive(Debug, Clone)]
@@ -75,7 +79,32 @@ impl Space {
             components,
             rim: None,
             whitener: RefCell::default(),
+            serial: None,
         }
+    }
+
+    /// The space in which the errors of neighbours have this correlation.
+    pub fn with_serial(layout: &Layout, keep: &[bool], neighbours: f64) -> Self {
+        let serial = (neighbours > 0.0).then(|| Serial::new(layout, keep, neighbours));
+        Self { serial, ..Self::new(layout, keep) }
+    }
+
+    /// Correlation of the errors of neighbours, where it is part of the noise.
+    pub fn serial(&self) -> Option<f64> {
+        self.serial.as_ref().map(|s| s.neighbours)
+    }
+
+    /// The likeliest correlation of neighbours in what a fit leaves, and what it gains against none, nats.
+    pub fn likeliest_serial(
+        &self,
+        layout: &Layout,
+        residual: &[f64],
+        tangent: &DMatrix<f64>,
+        noise: &Noise,
+    ) -> (f64, f64) {
+        let scaled = |columns: DMatrix<f64>| self.whiten_rest(columns, noise);
+        let residual = DMatrix::from_column_slice(residual.len(), 1, residual);
+        serial::likeliest(layout, &self.keep, &scaled(residual), &scaled(tangent.clone()))
     }
 
     /// The space with the form of the rim as a further random part, where the layout has a rim.
@@ -179,6 +208,12 @@ impl Space {
     /// Rotates columns: `top()` rows of capture-level parts, then the remainder of each observation.
     pub fn split(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
         let (top, d) = (self.top(), self.random_count());
+        let filtered = self.serial.as_ref().map(|s| {
+            let mut own = columns.clone();
+            s.apply(&mut own);
+            own
+        });
+        let columns = filtered.as_ref().unwrap_or(columns);
         let mut out = DMatrix::zeros(top + columns.nrows(), columns.ncols());
         for (g, group) in self.groups.iter().enumerate() {
             let mut part = columns.select_rows(&group.rows);
@@ -240,7 +275,8 @@ impl Space {
             l.map_or(0.0, |l| 2.0 * l.diagonal().map(f64::ln).sum())
         };
         let shared: f64 = self.groups.iter().map(of_group).sum();
-        own + shared + self.whitener(noise).map_or(0.0, |w| w.ln_det)
+        let serial = self.serial.as_ref().map_or(0.0, Serial::ln_det);
+        own + shared + serial + self.whitener(noise).map_or(0.0, |w| w.ln_det)
     }
 
     /// Whitens the remainder of each observation.

@@ -2,11 +2,14 @@
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
-use crate::diagnose::fit::{Fitted, Fitter};
+use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::range;
 use crate::diagnose::noise::Space;
+use crate::diagnose::parts::{Part, part_chi2};
 use crate::diagnose::rim::is_rough;
+use crate::diagnose::score::gain_of_free;
 use crate::diagnose::select::{Selection, select};
 use crate::fit::tails::chi2_quantile;
 
@@ -14,6 +17,11 @@ use crate::fit::tails::chi2_quantile;
 const MOST: f64 = 0.03;
 /// How much likelier outliers must be than the effects they would be taken for, nats.
 const CLEARLY: f64 = 3.0;
+
+/// How much likelier errors that follow one another must be than independent ones before they are tried in place of what was found,
+/// nats; and where nothing was found.
+const FOLLOWS: f64 = 3.0;
+const FOLLOWS_ALONE: f64 = 7.0;
 
 /// A selection on the observations that are not set aside.
 pub struct Screened<'a> {
@@ -29,22 +37,63 @@ pub struct Screened<'a> {
 /// lies far from the baseline alone, if that is likelier than the effects found with it.
 pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_> {
     let layout = experiment.layout();
-    let mut first = settle(experiment, given_mm, Vec::new());
+    let mut first = settle(experiment, given_mm, Vec::new(), 0.0);
     let model = &first.selection.fitted.model;
     if model.active.is_empty() && model.extras.is_empty() {
-        return first;
+        return following(&first, experiment, given_mm, FOLLOWS_ALONE).unwrap_or(first);
     }
-    let suspects = {
-        let fitter = Fitter { experiment, space: space(experiment, &[], given_mm), given_mm };
+    let mut suspected = vec![{
+        let fitter = Fitter { experiment, space: space(experiment, &[], given_mm, 0.0), given_mm };
         far(&fitter, &fitter.fit(fitter.baseline(), None), layout)
-    };
-    if !suspects.is_empty() && few(suspects.len(), layout) {
-        let second = settle(experiment, given_mm, suspects);
+    }];
+    if !model.extras.is_empty() && !model.active.is_empty() {
+        // A shape may have been bent to follow what the names alone leave far away.
+        let names = Model { extras: Vec::new(), ..model.clone() };
+        let fitter = &first.fitter;
+        let mut suspects = far(fitter, &fitter.fit(names, None), layout);
+        suspects.extend(&first.outliers);
+        if suspects.len() > first.outliers.len() {
+            suspected.push(suspects);
+        }
+    }
+    for suspects in suspected.into_iter().filter(|s| !s.is_empty() && few(s.len(), layout)) {
+        let second = settle(experiment, given_mm, suspects, 0.0);
         if second.ln_evidence() > first.ln_evidence() + CLEARLY {
             first = second;
         }
     }
-    first
+    match following(&first, experiment, given_mm, FOLLOWS) {
+        Some(second) if second.fair_ln_evidence() > first.fair_ln_evidence() => second,
+        _ => first,
+    }
+}
+
+/// The selection with errors that follow one another, if what the names leave does: a shape, and a name called in beside it, may
+/// stand for what merely wanders.
+fn following<'a>(
+    first: &Screened,
+    experiment: &'a dyn Experiment,
+    given_mm: Option<f64>,
+    least: f64,
+) -> Option<Screened<'a>> {
+    let layout = experiment.layout();
+    if !layout.traced {
+        return None;
+    }
+    let fitter = &first.fitter;
+    let likeliest = |fitter: &Fitter, f: &Fitted| {
+        fitter.space.likeliest_serial(layout, &f.residual, &f.tangent, &f.noise)
+    };
+    let names = Model { extras: Vec::new(), ..first.selection.fitted.model.clone() };
+    let (rough, gain) = likeliest(fitter, &fitter.fit(names, None));
+    if gain < least {
+        return None;
+    }
+    let second = settle(experiment, given_mm, Vec::new(), rough);
+    // What has been named since does not wander.
+    let (finer, _) = likeliest(&second.fitter, &second.selection.fitted);
+    let alike = (finer - rough).abs() < 0.1;
+    Some(if alike { second } else { settle(experiment, given_mm, Vec::new(), finer) })
 }
 
 impl Screened<'_> {
@@ -63,6 +112,22 @@ impl Screened<'_> {
             - 0.5 * f.rank as f64 * n.ln()
             - f.model.active.len() as f64 * self.selection.library_tests.max(1.0).ln()
             - f.model.extras.len() as f64 * self.selection.generic_tests.ln()
+            - if self.fitter.space.serial().is_some() { 0.5 * n.ln() } else { 0.0 }
+    }
+
+    /// The same, with the coefficients of a free function or surface priced as they were when it was chosen.
+    fn fair_ln_evidence(&self) -> f64 {
+        let f = &self.selection.fitted;
+        let ln_n = (self.fitter.experiment.layout().values.len() as f64).ln();
+        let free = f.model.extras.iter().enumerate().filter_map(|(i, e)| match &e.kind {
+            Extra::Generic(t) if t.shape.is_free() => Some((Part::Extra(i), e.values.len() as f64)),
+            _ => None,
+        });
+        let fairer = free.map(|(part, rank)| {
+            let chi2 = part_chi2(&self.fitter, f, part);
+            gain_of_free(chi2, rank, ln_n) - 0.5 * (chi2 - rank * ln_n)
+        });
+        self.ln_evidence() + fairer.sum::<f64>()
     }
 }
 
@@ -71,9 +136,11 @@ fn settle<'a>(
     experiment: &'a dyn Experiment,
     given_mm: Option<f64>,
     mut outliers: Vec<usize>,
+    serial: f64,
 ) -> Screened<'a> {
     let run = |outliers: &[usize]| {
-        let fitter = Fitter { experiment, space: space(experiment, outliers, given_mm), given_mm };
+        let space = space(experiment, outliers, given_mm, serial);
+        let fitter = Fitter { experiment, space, given_mm };
         let selection = select(&fitter);
         (fitter, selection)
     };
@@ -96,24 +163,39 @@ fn few(count: usize, layout: &Layout) -> bool {
     count as f64 <= MOST * layout.values.len() as f64 + 1.0
 }
 
-/// The space the noise is described in; with the form of the artefact's rim where that is rough.
-fn space(experiment: &dyn Experiment, outliers: &[usize], given_mm: Option<f64>) -> Space {
+/// The space the noise is described in; with the form of the artefact's rim where that is rough, or this correlation of neighbours.
+fn space(
+    experiment: &dyn Experiment,
+    outliers: &[usize],
+    given_mm: Option<f64>,
+    serial: f64,
+) -> Space {
     let layout = experiment.layout();
     let mut keep = vec![true; layout.values.len()];
     outliers.iter().for_each(|i| keep[*i] = false);
+    if serial > 0.0 {
+        return Space::with_serial(layout, &keep, serial);
+    }
     let space = Space::new(layout, &keep);
     let fitter = Fitter { experiment, space, given_mm };
     if is_rough(&fitter) { Space::with_rim(layout, &keep) } else { fitter.space }
 }
 
-/// Observations that a fit leaves far away: beyond a 0.1 % chance in the whole set.
+/// Least share of a reading's own error that is taken to be left by the fit: where the model follows a reading more closely, nothing
+/// else says what it should have been.
+const LEAST_LEFT: f64 = 0.3;
+
+/// Observations that a fit leaves far away: beyond a 0.1 % chance in the whole set. What is left of each is counted in units of what
+/// the fit leaves of noise there: a shape of many coefficients follows a slipped reading part of the way.
 fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let n = layout.values.len();
     let limit = chi2_quantile((1e-3 / n as f64).ln(), 1.0).sqrt();
     let column = DMatrix::from_column_slice(n, 1, &f.residual);
     let white = fitter.whiten(&column, &f.noise);
     let top = fitter.space.top();
-    let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)]).collect();
+    let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
+    let left = |i: usize| (1.0 - basis.row(top + i).norm_squared()).max(LEAST_LEFT);
+    let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)] / left(i).sqrt()).collect();
     let mut sizes: Vec<f64> =
         (0..n).filter(|i| fitter.space.kept(*i)).map(|i| rest[i].abs()).collect();
     if sizes.is_empty() {

@@ -1,7 +1,5 @@
 //! From an experiment to the answer: selection, lack of fit, naming rules, gap.
 
-use std::collections::BTreeMap;
-
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
@@ -14,12 +12,13 @@ use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
 use crate::diagnose::outliers::{Screened, screen};
 use crate::diagnose::parts::{Part, contribution, without};
+use crate::diagnose::repeats::repeats_ln_p;
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Verdict, Where};
 use crate::diagnose::select::Selection;
 use crate::diagnose::sizes;
 use crate::diagnose::unnamed;
 use crate::error::{Error, Result};
-use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
+use crate::fit::tails::ln_chi2_tail;
 
 /// How to diagnose.
 #[derive(Debug, Clone, Default)]
@@ -30,12 +29,6 @@ pub struct Options {
 
 /// p-value under which a lack of fit is said to exist.
 const LACK_OF_FIT_P: f64 = 1e-3;
-/// p-value under which two outputs are said to repeat unlike well.
-const UNLIKE_NOISE_P: f64 = 0.01;
-/// p-value that an output's own repeats must give before it is held against those of all outputs.
-const OWN_REPEATS_P: f64 = 0.05;
-/// Least degrees of freedom of repeats worth a test.
-const LEAST_REPEATS: f64 = 6.0;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
 
@@ -127,81 +120,6 @@ fn quieter(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     (-ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P).then_some(chi2 / dof)
 }
 
-/// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
-#[derive(Default)]
-struct Spread {
-    between: f64,
-    between_dof: f64,
-    within: f64,
-    within_dof: f64,
-}
-
-/// ln p-values of the spread of sites against the spread of captures of the same site: of each kind of value, and of all
-/// together where they share one noise.
-fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Vec<f64> {
-    let layout = fitter.experiment.layout();
-    let mut parts = fitter.space.capture_parts(white);
-    if layout.random.is_empty() {
-        // In mm: an effect in one output must not pass for that output's noise.
-        parts.iter_mut().flatten().for_each(|(kind, v)| *v *= f.noise.sigma_mm[*kind]);
-    }
-    let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
-    let mut spreads: Vec<Spread> = (0..kinds).map(|_| Spread::default()).collect();
-    let mut by_site: BTreeMap<usize, Vec<&[(usize, f64)]>> = BTreeMap::new();
-    for (part, site) in parts.iter().zip(&layout.sites) {
-        by_site.entry(*site).or_default().push(part);
-    }
-    for set in by_site.values() {
-        let width = set.iter().map(|v| v.len()).max().unwrap_or(0);
-        let same: Vec<_> = set.iter().filter(|v| v.len() == width).collect();
-        let count = same.len() as f64;
-        for k in 0..width {
-            let spread = &mut spreads[same[0][k].0];
-            let mean = same.iter().map(|v| v[k].1).sum::<f64>() / count;
-            spread.within += same.iter().map(|v| (v[k].1 - mean).powi(2)).sum::<f64>();
-            spread.within_dof += count - 1.0;
-            spread.between += count * mean * mean;
-            spread.between_dof += 1.0;
-        }
-    }
-    let unlike = |a: &Spread, b: &Spread| {
-        let ratio = (a.within / a.within_dof) / (b.within / b.within_dof);
-        ln_f_tail(ratio, a.within_dof, b.within_dof) < UNLIKE_NOISE_P.ln()
-    };
-    let shared_noise =
-        layout.random.is_empty() && !spreads.iter().any(|a| spreads.iter().any(|b| unlike(a, b)));
-    let total = spreads.iter().fold(Spread::default(), |a, b| Spread {
-        between: a.between + b.between,
-        between_dof: a.between_dof + b.between_dof,
-        within: a.within + b.within,
-        within_dof: a.within_dof + b.within_dof,
-    });
-    let values = total.between_dof + total.within_dof;
-    let tested = |between: &Spread, within: &Spread| {
-        // The model's parameters were taken from what sites have in common.
-        let used = if layout.random.is_empty() {
-            f.rank as f64 * (between.between_dof + between.within_dof) / values
-        } else {
-            0.0
-        };
-        let dof = between.between_dof - used;
-        let enough = within.within_dof >= LEAST_REPEATS && dof >= 3.0 && within.within > 0.0;
-        let ratio = (between.between / dof) / (within.within / within.within_dof);
-        enough.then(|| ln_f_tail(ratio, dof, within.within_dof))
-    };
-    let each = spreads.iter().filter_map(|s| {
-        let own = tested(s, s);
-        // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
-        let may_share = shared_noise && own.is_none_or(|p| p < OWN_REPEATS_P.ln());
-        if may_share { tested(s, &total) } else { own }
-    });
-    let mut list: Vec<f64> = each.collect();
-    if shared_noise && kinds > 1 {
-        list.extend(tested(&total, &total));
-    }
-    list
-}
-
 fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     let layout = fitter.experiment.layout();
     let f = &s.fitted;
@@ -289,12 +207,12 @@ fn noise_source(fitter: &Fitter, layout: &Layout, f: &Fitted) -> String {
         (None, 0) => "what the model leaves; no repeats to check it against".into(),
         (None, r) => format!("what the model leaves, checked against {r} repeated captures"),
     };
-    match fitter.space.rim_rms_mm(&f.noise) {
-        Some(rms) => {
-            format!("{source}; the rim's own form, {:.2} µm rms, counts as noise", 1e3 * rms)
-        }
-        None => source,
-    }
+    let shared = match (fitter.space.rim_rms_mm(&f.noise), fitter.space.serial()) {
+        (Some(rms), _) => format!("the rim's own form, {:.2} µm rms, counts", 1e3 * rms),
+        (_, Some(c)) => format!("that errors follow one another (correlation {c:.2}) counts"),
+        _ => return source,
+    };
+    format!("{source}; {shared} as noise")
 }
 
 fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {

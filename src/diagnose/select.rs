@@ -3,8 +3,9 @@
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::basis::legendre;
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::{Term, legendre};
+use crate::diagnose::generic::Term;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};

@@ -195,7 +195,7 @@ impl ColumnsExperiment {
         }
         let library = (sort.library)(&data);
         let known = known_effects(&library, machine, warnings)?;
-        let layout = layout(&data, sort.outputs, &measured);
+        let layout = layout(&data, sort, &measured);
         Ok(Self { sort, data, library, known, layout, nuisances })
     }
 }
@@ -218,7 +218,8 @@ fn read(table: &Table, names: &[&'static str], series: &str) -> Result<Columns> 
     Ok(data)
 }
 
-fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> Layout {
+fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
+    let outputs = sort.outputs;
     let (rows, k) = (measured[0].len(), outputs.len());
     let spread = |c: &[f64]| (0..rows * k).map(|i| c[i / k]).collect::<Vec<f64>>();
     let mut variables: Vec<Variable> = data
@@ -264,6 +265,7 @@ fn layout(data: &Columns, outputs: &[&'static str], measured: &[Vec<f64>]) -> La
         classes: (0..rows * k).map(|i| i % k).collect(),
         directions,
         variables,
+        traced: sort.kind == "ballbar",
         random: Vec::new(),
         rim_deg: Vec::new(),
     }
@@ -363,7 +365,7 @@ impl Experiment for ColumnsExperiment {
             }
         }
         let zeros = vec![vec![0.0; data.series.len()]; self.sort.outputs.len()];
-        let layout = layout(&data, self.sort.outputs, &zeros);
+        let layout = layout(&data, self.sort, &zeros);
         let library = (self.sort.library)(&self.data);
         let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
         Box::new(Self { data, library, known, layout, nuisances, sort: self.sort })

@@ -92,6 +92,7 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         values,
         directions,
         variables,
+        traced: false,
         random,
         rim_deg,
     }
