@@ -261,6 +261,25 @@ fn pictures_of_several_sizes_under_one_scale_are_told() {
 }
 
 #[test]
+fn copies_and_pictures_no_longer_there_are_told() {
+    let dir = workshop(3);
+    let dir = dir.path();
+    let output = |more: &[&str]| {
+        let mut command = pivotsight();
+        command.current_dir(dir).args(["batch", "in", "--job", "job.toml", "--out", "out"]);
+        String::from_utf8(command.args(more).output().unwrap().stderr).unwrap()
+    };
+    let first = output(&[]);
+    assert!(!first.contains("warning"), "{first}");
+    std::fs::remove_file(dir.join("in/p0002.png")).unwrap();
+    std::fs::copy(dir.join("in/p0000.png"), dir.join("in/again.png")).unwrap();
+    let said = output(&["--resume"]);
+    assert!(said.contains("warning: 1 picture the same as another"), "{said}");
+    assert!(said.contains("warning: 1 picture measured before and no longer there"), "{said}");
+    assert_eq!(String::from_utf8(files(dir, "out").swap_remove(0)).unwrap().lines().count(), 4);
+}
+
+#[test]
 fn a_rod_job_measures_tables_of_captures() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();

@@ -70,6 +70,10 @@ pub struct Summary {
     pub measured: usize,
     /// Not measured; the rows say why.
     pub failed: usize,
+    /// Byte for byte another picture of the batch; each has its row.
+    pub copies: usize,
+    /// Measured before, and not among the pictures now; their rows stay.
+    pub gone: usize,
     /// Verdicts `pass`.
     pub pass: usize,
     /// Verdicts `fail`.
@@ -252,8 +256,12 @@ fn finish(
         })
     };
     let (mut columns, mut gather) = (tables::Columns::default(), run::Gather::default());
+    let (mut contents, mut copies) = (HashSet::new(), 0);
     for (_, entry) in &lines {
         let value = row(*entry)?;
+        if let Some(sha256) = value["sha256"].as_str() {
+            copies += usize::from(!contents.insert(sha256.to_owned()));
+        }
         columns.add(&value);
         gather.add(&value);
     }
@@ -270,6 +278,9 @@ fn finish(
         new: lines.len().saturating_sub(before),
         measured: lines.len() - failed,
         failed,
+        copies,
+        gone: lines.len()
+            - items.iter().filter(|i| journal.entries().contains_key(&i.name)).count(),
         pass: verdict(Verdict::Pass),
         fail: verdict(Verdict::Fail),
         undecided: verdict(Verdict::Undecided),

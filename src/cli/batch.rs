@@ -109,7 +109,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     bar.end();
     let (_, calibration) = Calibration::identified(job.calib_path())?;
     let done = Done { calibration, summary };
-    let json = result("batch", &args.input, &[], &done);
+    let warnings = doubts(&done.summary);
+    warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let json = result("batch", &args.input, &warnings, &done);
     let summary = done.summary;
     write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
     if let Some(path) = &global.records {
@@ -144,6 +146,19 @@ fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
         let _ = writeln!(text, "  … and {} more", items.len() - 10);
     }
     Ok(Outcome::good(Document::single(json, text)))
+}
+
+/// What the counts alone would hide.
+fn doubts(s: &Summary) -> Vec<String> {
+    let told = |n: usize, what: &str| {
+        (n > 0).then(|| format!("{n} picture{} {what}", if n == 1 { "" } else { "s" }))
+    };
+    let copies = told(
+        s.copies,
+        "the same as another, byte for byte: the statistics count each as a measurement",
+    );
+    let gone = told(s.gone, "measured before and no longer there: the rows stay");
+    copies.into_iter().chain(gone).collect()
 }
 
 fn text(s: &Summary) -> String {
