@@ -53,6 +53,10 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
             "use the version that wrote it",
         ));
     }
+    for (key, value) in result.as_object().into_iter().flatten().filter(|(key, _)| *key != "input")
+    {
+        numbers::refuse_text(key, value)?;
+    }
     let several = result.get("results").and_then(Value::as_array);
     let parts: Vec<&Value> = several.map_or_else(|| vec![result], |list| list.iter().collect());
     let title = if options.title.is_empty() { heading(command) } else { &options.title };

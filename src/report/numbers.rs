@@ -4,6 +4,7 @@ use serde_json::{Map, Value};
 
 use super::words;
 use crate::batch::limits::{number, u95_key};
+use crate::error::{Error, Result};
 use crate::output::flatten;
 use crate::uncertainty::Verdict;
 
@@ -196,6 +197,26 @@ fn unit(key: &str) -> &'static str {
         .into_iter()
         .find(|u| head.ends_with(&format!("_{u}")))
         .unwrap_or("")
+}
+
+/// A length or an angle that is no number was not written by this program, and would be missing on the page.
+pub fn refuse_text(key: &str, value: &Value) -> Result<()> {
+    match value {
+        Value::String(text) if matches!(unit(key), "mm" | "mm2" | "deg" | "px") => {
+            Err(Error::measure(
+                "report",
+                format!("{key} is '{text}', not a number"),
+                "give the result as the command wrote it",
+            ))
+        }
+        Value::Array(list) => {
+            list.iter().enumerate().try_for_each(|(i, v)| refuse_text(&format!("{key}.{i}"), v))
+        }
+        Value::Object(map) => {
+            map.iter().try_for_each(|(k, v)| refuse_text(&format!("{key}.{k}"), v))
+        }
+        _ => Ok(()),
+    }
 }
 
 /// `ring.center_mm.0` → `ring center X`; the method's own quantities as its text names them.
