@@ -192,6 +192,22 @@ impl Error {
         }
     }
 
+    /// Says which line of a table names the file or picture that it is about.
+    #[must_use]
+    pub fn on_line(self, line: u64) -> Self {
+        let told = |subject: String, reason, fix| {
+            Self::measure(format!("line {line}: {subject}"), reason, fix)
+        };
+        match self {
+            Self::Io { path, action, source, fix } => {
+                told(path.display().to_string(), format!("cannot {action}: {source}"), fix)
+            }
+            Self::File { path, reason, fix } => told(path.display().to_string(), reason, fix),
+            Self::Measure { subject, reason, fix } => told(subject, reason, fix),
+            other => other,
+        }
+    }
+
     /// Something that cannot be measured in otherwise good input.
     pub fn measure(
         subject: impl Into<String>,

@@ -132,6 +132,22 @@ fn the_machine_is_the_ruler_of_the_plane() {
     assert_eq!((json["verdict"].as_str(), code), (Some("pass"), Some(0)), "{json:#}");
     assert_eq!(json["captures_used"], 8, "{json:#}");
     assert!(json["warnings"][0].as_str().unwrap().contains(name), "{json:#}");
+    // Positions written down wrongly all over are told as what they are, and a picture without the mark is named.
+    let told = |line: &dyn Fn(usize, &str, f64, f64) -> String| {
+        let mut wrong = String::from("image,x_mm,y_mm\n");
+        for (i, row) in rows.lines().skip(1).enumerate() {
+            let cells: Vec<&str> = row.split(',').collect();
+            wrong += &line(i, cells[0], cells[1].parse().unwrap(), cells[2].parse().unwrap());
+        }
+        std::fs::write(&table, wrong).unwrap();
+        run(&good).0["warnings"].to_string()
+    };
+    let said = told(&|_, name, x, y| format!("{name},{y},{x}\n"));
+    assert!(said.contains("swapped"), "{said}");
+    let said = told(&|_, name, x, y| format!("{name},{},{}\n", 1e-3 * x, 1e-3 * y));
+    assert!(said.contains("metres"), "{said}");
+    let said = told(&|i, name, x, y| format!("{name},{},{y}\n", if i == 4 { x + 3.0 } else { x }));
+    assert!(said.contains("mark-4.png: left out"), "{said}");
     std::fs::write(&table, rows).unwrap();
     let text = std::fs::read_to_string(&calib).unwrap();
     let fx: f64 = text.lines().find_map(|l| l.strip_prefix("fx_px = ")).unwrap().parse().unwrap();
@@ -233,6 +249,14 @@ fn the_laser_lands_on_what_the_camera_saw() {
     let (_, code, said) = run(&args);
     assert_eq!(code, Some(2));
     assert!(said.contains("wrong.csv: line 3: burn-1.png") && said.contains("burn_x_mm"), "{said}");
+    // A picture that is not there: its row is named.
+    std::fs::write(wrong, text.replace("burn-1.png", "burn-9.png")).unwrap();
+    let (_, code, said) = run(&args);
+    assert_eq!(code, Some(2));
+    assert!(
+        said.contains("wrong.csv: line 3: ") && said.contains("burn-9.png: cannot read"),
+        "{said}"
+    );
     // The other way round: where must the machine go to fire at a mark that the camera sees?
     let mark = Vector2::new(77.0, 9.0);
     let machine = mark + offset + Vector2::new(-0.7, 1.3);

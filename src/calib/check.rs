@@ -1,6 +1,6 @@
 //! Whether a calibration still holds: a known diameter, or a mark at known machine positions, measured again.
 
-use nalgebra::{DMatrix, DVector, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::calib::mark;
@@ -12,6 +12,9 @@ use crate::frame::{Channel, Frame, Picture};
 use crate::measure::circles;
 use crate::measure::rod::Capture;
 use crate::uncertainty::{Verdict, k95};
+
+/// A calibration is never so far off; a mistake of this kind never fits worse.
+const MISTAKEN: f64 = 0.1;
 
 /// A circle of known diameter in one picture.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
@@ -108,11 +111,10 @@ pub fn plane(
     };
     let places = |i: usize| Some((views[i].to_plane(sightings[i]?.pixel), positions[i]));
     let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
-    let lost = captures.len() - used.len();
-    let mut warnings = Vec::new();
-    if lost > 0 {
-        warnings.push(format!("the mark was not found in {lost} pictures"));
-    }
+    let mut warnings: Vec<String> = (0..captures.len())
+        .filter(|&i| sightings[i].is_none())
+        .map(|i| format!("{}: left out, the mark is not where the other captures say (position mistyped, or not in the picture?)", captures[i].image))
+        .collect();
     let of = |used: &[usize]| -> Vec<(Vector2<f64>, Vector2<f64>)> {
         used.iter().filter_map(|&i| places(i)).collect()
     };
@@ -135,6 +137,7 @@ pub fn plane(
         return Err(few());
     }
     let Some(fit) = Affine::fit(&seen) else { return Err(few()) };
+    warnings.extend(mistake(&fit.beta));
     let Affine { inverse, beta, squares, dof } = &fit;
     let factor = k95(*dof) * fit.variance().sqrt();
     let combine = |weights: [f64; 4]| {
@@ -165,6 +168,27 @@ pub fn plane(
         verdict: Verdict::of(field_error_mm, field_error_u95_mm, tolerance_mm),
         warnings,
     })
+}
+
+/// How the positions were written down, where the mark moved as it would then. Of `p` the machine moves by `(E - 1) p`.
+fn mistake(beta: &DVector<f64>) -> Option<String> {
+    let moves = Matrix2::new(1.0 - beta[2], -beta[3], -beta[4], 1.0 - beta[5]);
+    let unit = |factor: f64| Matrix2::identity() * factor;
+    [
+        (Matrix2::new(0.0, 1.0, 1.0, 0.0), "x_mm and y_mm are swapped"),
+        (Matrix2::new(-1.0, 0.0, 0.0, 1.0), "x_mm has the wrong sign"),
+        (Matrix2::new(1.0, 0.0, 0.0, -1.0), "y_mm has the wrong sign"),
+        (
+            unit(-1.0),
+            "x_mm and y_mm have the wrong sign (they say where the head is over the table)",
+        ),
+        (unit(1e-3), "x_mm and y_mm are in metres"),
+        (unit(1.0 / 25.4), "x_mm and y_mm are in inches"),
+        (unit(1e3), "x_mm and y_mm are in micrometres"),
+    ]
+    .into_iter()
+    .find(|(then, _)| (moves - then).norm() < MISTAKEN * then.norm())
+    .map(|(_, what)| format!("the mark moves as if {what}: correct the table if so"))
 }
 
 /// What `p + P` says of the affine error `E`, with `H(p) = (1 + E)(M - P)`: regressed on 1 and `p`, to first order in `E`.

@@ -118,8 +118,10 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
     let mut burns = Vec::new();
     for shot in shots {
         let subject = shot.path.display().to_string();
-        let picture = Picture::read(&shot.path)?;
-        let seen = circles::measure(&picture, calibration, &options, &subject)?.report;
+        let seen = Picture::read(&shot.path)
+            .and_then(|picture| circles::measure(&picture, calibration, &options, &subject))
+            .map_err(|e| e.on_line(shot.line))?
+            .report;
         let Some(circle) = seen.circles.first().map(|c| &c.circle) else { continue };
         let offset = shot.position_mm + Vector2::from(circle.center_mm) - shot.burnt_mm;
         burns.push(ShotReport {
