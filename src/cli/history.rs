@@ -74,6 +74,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             ));
         }
     }
+    if let (Some(since), Some(until)) = (&args.since, &args.until)
+        && clock::parse(since) >= clock::parse(until)
+    {
+        let reason = format!("{until} is not after --since {since}");
+        return Err(Error::option("--until", reason, "exchange them"));
+    }
     let records = Store::open_existing(path)?.read(&Filter {
         command: args.command.clone(),
         input: args.input.clone(),

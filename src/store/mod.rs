@@ -1,6 +1,6 @@
 //! Records: every measurement in one SQLite file, with what it takes to trust or repeat it.
 //!
-//! Several programs may write at once (write-ahead log, ten seconds of patience). Files of older versions are
+//! Several programs may write at once (ten seconds of patience). Files of older versions are
 //! brought up to date when they are opened; files of newer versions are refused.
 
 pub mod drift;
@@ -101,7 +101,8 @@ impl Store {
     /// As [`Store::open`], but a missing file is an error.
     pub fn open_existing(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        if !path.is_file() {
+        // An empty file is none yet; reading is no reason to make one.
+        if !path.is_file() || path.metadata().is_ok_and(|m| m.len() == 0) {
             return Err(Error::file(
                 path,
                 "there are no records",
@@ -126,6 +127,16 @@ impl Store {
                 path,
                 format!("was written by a newer version (format {version})"),
                 "update this program",
+            ));
+        }
+        let tables: u32 = transaction
+            .query_row("SELECT count(*) FROM sqlite_master", [], |r| r.get(0))
+            .map_err(failed)?;
+        if (version == 0) != (tables == 0) {
+            return Err(Error::file(
+                path,
+                "is another program's database",
+                "give a file made by --records, or a new name",
             ));
         }
         for step in &MIGRATIONS[version..] {
@@ -225,6 +236,9 @@ fn from_row(row: &Row<'_>) -> rusqlite::Result<Record> {
 fn sqlite(path: &Path, error: rusqlite::Error) -> Error {
     let fix = match error.sqlite_error_code() {
         Some(rusqlite::ErrorCode::NotADatabase) => "give a file made by --records",
+        Some(rusqlite::ErrorCode::DatabaseCorrupt) => {
+            "its end is missing or it was overwritten: fetch a copy of it, or begin a new file"
+        }
         Some(rusqlite::ErrorCode::DatabaseBusy) => "another program holds it; try again",
         _ => "check the folder and the free space",
     };
@@ -266,6 +280,16 @@ mod tests {
         assert_eq!(all.iter().map(|r| r.input.as_str()).collect::<Vec<_>>(), ["old.png", "a.png"]);
         store.connection.pragma_update(None, "user_version", 99).unwrap();
         assert!(Store::open(&path).err().unwrap().to_string().contains("newer version"));
+        // What is no records file stays as it is.
+        let path = dir.path().join("foreign.sqlite");
+        Connection::open(&path).unwrap().execute_batch("CREATE TABLE parts (id)").unwrap();
+        let before = std::fs::read(&path).unwrap();
+        assert!(Store::open(&path).err().unwrap().to_string().contains("another program's"));
+        assert_eq!(std::fs::read(&path).unwrap(), before);
+        let path = dir.path().join("empty.sqlite");
+        std::fs::write(&path, "").unwrap();
+        assert!(Store::open_existing(&path).err().unwrap().to_string().contains("no records"));
+        assert_eq!(path.metadata().unwrap().len(), 0);
     }
 
     #[test]
