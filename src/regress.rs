@@ -19,6 +19,8 @@ use crate::tomlfile;
 const EXPECTED: &str = "expected.csv";
 /// Names no file, which turns the user's defaults off.
 const NO_DEFAULTS: &str = "none";
+/// Set where a case runs: one that runs cases would never end.
+const WITHIN: &str = "PIVOTSIGHT_WITHIN_A_CASE";
 
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -63,6 +65,9 @@ pub struct Check {
 
 /// Runs every case under `folder` (each folder with a `case.toml`, or `folder` itself) with `program`.
 pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
+    if std::env::var_os(WITHIN).is_some() {
+        return Err(Error::file(folder, "a case cannot run cases", "correct its case.toml"));
+    }
     let mut folders = Vec::new();
     if folder.join("case.toml").is_file() {
         folders.push(folder.to_owned());
@@ -105,6 +110,7 @@ fn one(folder: &Path, program: &Path) -> Result<Case> {
         .args(["--format", "json", "--quiet"])
         .current_dir(folder)
         .env("PIVOTSIGHT_CONFIG", NO_DEFAULTS)
+        .env(WITHIN, "1")
         .output()
         .map_err(|e| Error::io(program, "start", e))?;
     let code = output.status.code().unwrap_or(-1);
@@ -138,8 +144,11 @@ fn expected(path: &Path) -> Result<Vec<(String, String, Option<f64>)>> {
         .map(|row| {
             let tolerance = match table.text(row, "tolerance") {
                 "" => None,
-                _ => Some(table.number(row, "tolerance")?).filter(|t| *t >= 0.0),
+                _ => Some(table.number(row, "tolerance")?),
             };
+            if tolerance.is_some_and(|t| t < 0.0) {
+                return Err(table.error(row, "tolerance", "is negative", "give zero or more"));
+            }
             if tolerance.is_some() {
                 table.number(row, "value")?;
             }
