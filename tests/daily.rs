@@ -98,6 +98,8 @@ fn records_are_kept_listed_exported_and_drift_is_told() {
         &["history", "--records", "r.sqlite", "--since", "yesterday"],
         "--since: is not a date",
     );
+    let since = ["history", "--records", "r.sqlite", "--since", "2026-02-01"];
+    refused(dir, &[&since[..], &["--until", "2026-01-01"]].concat(), "is not after --since");
 }
 
 #[test]
@@ -123,6 +125,10 @@ fn a_report_is_one_page_that_needs_nothing_else() {
     refused(dir, &["report", "session.toml"], "is not a JSON result");
     std::fs::write(dir.join("other.json"), "{\"a\": 1}").unwrap();
     refused(dir, &["report", "other.json"], "not a result of pivotsight");
+    let text =
+        r#"{"schema": "pivotsight.burn/1", "distance_mm": "0.01", "distance_u95_mm": 0.002}"#;
+    std::fs::write(dir.join("text.json"), text).unwrap();
+    refused(dir, &["report", "text.json"], "distance_mm is '0.01', not a number");
     refused(dir, &["report", "solve.json", "--picture", "session.toml"], "not PNG, JPEG or SVG");
 }
 
@@ -155,6 +161,14 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     refused(dir, &["regress", "plots"], "plots: cannot read");
     std::fs::write(&expected, "key,value,tolerance\nr_mm,much,1e-6\n").unwrap();
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
+    std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,-1e-6\n").unwrap();
+    refused(dir, &["regress", "cases"], "expected.csv:2: column 'tolerance': is negative");
+    // A case that runs the cases it is one of would never end.
+    std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,1e-6\n").unwrap();
+    std::fs::write(case.join("case.toml"), "args = [\"regress\", \"..\"]\n").unwrap();
+    let output = run(dir, &["regress", "cases"]);
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.code() == Some(1) && text.contains("cannot run cases"), "{text}");
 }
 
 #[test]
@@ -176,6 +190,7 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     for (config, words) in [
         ("[fly]\na = 1\n", "fly"),
         ("[solve]\nspeed = 1\n", "has no option --speed"),
+        ("[burn]\ntolerance_mm = 0.02\n", "did you mean 'tolerance-mm'?"),
         ("quiet = \"x\"\n", "quiet"),
     ] {
         std::fs::write(dir.join("config.toml"), config).unwrap();

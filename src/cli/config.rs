@@ -15,9 +15,12 @@ use std::path::PathBuf;
 use clap::CommandFactory;
 
 use super::{Cli, Global, Outcome};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, nearest};
 use crate::output::Document;
 use crate::tomlfile;
+
+/// The environment variable that names the file.
+const VARIABLE: &str = "PIVOTSIGHT_CONFIG";
 
 /// Show the file with the defaults, and what it sets
 #[derive(Debug, clap::Args)]
@@ -37,7 +40,7 @@ pub fn run(_: &Args, _: &Global) -> Result<Outcome> {
     let table = read(path.as_ref())?;
     let json = super::result("config", &path, &[], &Output { defaults: &table });
     let name =
-        path.as_ref().map_or("none: no home folder is known".into(), |p| p.display().to_string());
+        path.as_ref().map_or_else(|| format!("none: {}", why_none()), |p| p.display().to_string());
     let text = if table.is_empty() {
         format!("file: {name}\nno defaults are set there\n")
     } else {
@@ -110,10 +113,15 @@ fn option_words(
     let program = Cli::command();
     let of = |c: &clap::Command| c.get_arguments().find(|a| a.get_long() == Some(option)).cloned();
     let Some(known) = of(command).or_else(|| of(&program)) else {
-        return wrong(
-            &format!("'{}' has no option --{option}", command.get_name()),
-            "correct the key; options are written without the dashes",
-        );
+        let long = |c: &clap::Command| -> Vec<String> {
+            c.get_arguments().filter_map(|a| a.get_long().map(str::to_owned)).collect()
+        };
+        let fix = match nearest(&option.replace('_', "-"), [long(command), long(&program)].concat())
+        {
+            Some(name) => format!("did you mean '{name}'?"),
+            None => "correct the key; options are written without the dashes before them".into(),
+        };
+        return wrong(&format!("'{}' has no option --{option}", command.get_name()), &fix);
     };
     let takes_value = known.get_action().takes_values();
     let word = |value: &toml::Value| match value {
@@ -135,9 +143,20 @@ fn option_words(
     }
 }
 
+/// What an environment variable names; an empty one is as none.
+fn variable(name: &str) -> Option<PathBuf> {
+    std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from)
+}
+
+fn why_none() -> &'static str {
+    match variable(VARIABLE) {
+        Some(_) => "PIVOTSIGHT_CONFIG says so",
+        None => "no home folder is known",
+    }
+}
+
 fn file() -> Option<PathBuf> {
-    let variable = |name: &str| std::env::var_os(name).filter(|v| !v.is_empty()).map(PathBuf::from);
-    if let Some(path) = variable("PIVOTSIGHT_CONFIG") {
+    if let Some(path) = variable(VARIABLE) {
         return Some(path).filter(|p| p.as_os_str() != "none");
     }
     let folder = variable("XDG_CONFIG_HOME")
@@ -149,9 +168,7 @@ fn file() -> Option<PathBuf> {
 fn read(path: Option<&PathBuf>) -> Result<toml::Table> {
     match path {
         // Naming a file that does not exist is a mistake; having no defaults is not.
-        Some(path) if path.exists() || std::env::var_os("PIVOTSIGHT_CONFIG").is_some() => {
-            tomlfile::read(path)
-        }
+        Some(path) if path.exists() || variable(VARIABLE).is_some() => tomlfile::read(path),
         _ => Ok(toml::Table::new()),
     }
 }
