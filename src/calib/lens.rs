@@ -2,17 +2,18 @@
 
 use std::path::PathBuf;
 
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector2;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use crate::calib::lens_doubt::uncertainties;
+use crate::calib::board_view::fitted;
+use crate::calib::lens_doubt::intervals;
 use crate::calib::target::Target;
 use crate::camera::Lens;
 use crate::cv::{self, BoardView, Distortion, LensFit};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Gray, Picture};
-use crate::uncertainty::K95;
+use crate::repeats;
 
 /// Fewest views that determine a lens; Zhang's method needs three.
 const LEAST_VIEWS: usize = 3;
@@ -96,6 +97,8 @@ pub struct Calibrated {
     pub lens: Lens,
     /// All points of used views.
     pub seen: Vec<Seen>,
+    /// How many pictures could not be read.
+    pub unread: usize,
 }
 
 /// Calibrates from pictures of the target.
@@ -105,9 +108,14 @@ pub fn calibrate(
     distortion: Distortion,
 ) -> Result<Calibrated> {
     type View = ((u32, u32), Option<BoardView>);
+    let firsts = repeats::firsts(repeats::contents(images));
     let views: Vec<Result<View>> = images
         .par_iter()
-        .map(|path| {
+        .zip(&firsts)
+        .map(|(path, first)| {
+            if first.is_some() {
+                return Ok(((0, 0), None));
+            }
             let gray = Picture::read(path)?.into_frame(Channel::Auto).to_eight();
             Ok(((gray.width as u32, gray.height as u32), look(&gray, target)?))
         })
@@ -117,24 +125,32 @@ pub fn calibrate(
     };
     let mut found = Vec::new();
     let mut rejected: Vec<Option<String>> = vec![None; images.len()];
+    let mut unread = 0;
     for (i, view) in views.into_iter().enumerate() {
-        match view {
-            Err(e) => rejected[i] = Some(e.to_string()),
-            Ok((_, None)) => rejected[i] = Some("the target was not found".into()),
-            Ok((own, Some(_))) if own != size => {
+        match (view, firsts[i]) {
+            (_, Some(first)) => {
+                rejected[i] = Some(format!("is the picture {} again", images[first].display()));
+            }
+            (Err(e), _) => {
+                rejected[i] = Some(e.to_string());
+                unread += 1;
+            }
+            (Ok((_, None)), _) => rejected[i] = Some("the target was not found".into()),
+            (Ok((own, Some(_))), _) if own != size => {
                 rejected[i] = Some(format!(
                     "has {}×{} px where the others have {}×{} px",
                     own.0, own.1, size.0, size.1
                 ));
             }
-            Ok((_, Some(v))) if v.pixels.len() < LEAST_POINTS => {
+            (Ok((_, Some(v))), _) if v.pixels.len() < LEAST_POINTS => {
                 rejected[i] = Some(format!("only {} points were found", v.pixels.len()));
             }
-            Ok((_, Some(v))) => found.push((i, v)),
+            (Ok((_, Some(v))), _) => found.push((i, v)),
         }
     }
     let names: Vec<String> = images.iter().map(|p| p.display().to_string()).collect();
-    from_views(&names, found, rejected, size, distortion)
+    let made = from_views(&names, found, rejected, size, distortion)?;
+    Ok(Calibrated { unread, ..made })
 }
 
 fn look(gray: &Gray<u8>, target: &Target) -> Result<Option<BoardView>> {
@@ -142,6 +158,7 @@ fn look(gray: &Gray<u8>, target: &Target) -> Result<Option<BoardView>> {
     Ok(cv::detect(gray, target)?.map(|d| BoardView {
         board_mm: d.ids.iter().filter_map(|&i| places.get(i)).copied().collect(),
         pixels: d.pixels,
+        radius_mm: target.dot_radius_mm(),
     }))
 }
 
@@ -175,7 +192,7 @@ pub fn from_views(
             ));
         }
         let views: Vec<BoardView> = found.iter().map(|f| f.1.clone()).collect();
-        let fit = cv::calibrate(&views, size, distortion)?;
+        let fit = fitted(&views, size, distortion)?;
         let residuals: Vec<Vec<Vector2<f64>>> =
             views.iter().zip(&fit.poses).map(|(v, p)| v.residuals(&fit.lens, p)).collect();
         let each: Vec<f64> = residuals.iter().map(|r| rms(r)).collect();
@@ -195,21 +212,6 @@ pub fn from_views(
         spent.push((index, view.pixels.len(), each[worst]));
     };
     Ok(report(names, &found, &rejected, &spent, size, &fit, &residuals, distortion))
-}
-
-impl BoardView {
-    /// Seen minus expected, for each point.
-    pub fn residuals(&self, lens: &Lens, pose: &cv::Pose) -> Vec<Vector2<f64>> {
-        let camera = lens.normalised();
-        self.board_mm
-            .iter()
-            .zip(&self.pixels)
-            .map(|(b, seen)| {
-                let p = pose.turn * Vector3::new(b.x, b.y, 0.0) + pose.shift_mm;
-                seen - camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z))
-            })
-            .collect()
-    }
 }
 
 fn rms(residuals: &[Vector2<f64>]) -> f64 {
@@ -264,8 +266,8 @@ fn report(
     let parameters: Vec<Parameter> = NAMES
         .into_iter()
         .zip(values)
-        .zip(uncertainties(found, fit, residuals, distortion.free()))
-        .map(|((name, value), u)| Parameter { name, value, u95: u.map(|u| K95 * u) })
+        .zip(intervals(found, fit, residuals, distortion.free()))
+        .map(|((name, value), u95)| Parameter { name, value, u95 })
         .collect();
     let all: Vec<Vector2<f64>> = seen.iter().map(|s| s.residual_px).collect();
     let coverage = coverage(&seen, size);
@@ -282,6 +284,7 @@ fn report(
         },
         lens: l.clone(),
         seen,
+        unread: 0,
     }
 }
 

@@ -1,57 +1,90 @@
 //! How well a lens's numbers are known from the views they were fitted to.
 
-use nalgebra::{Rotation3, SMatrix, Vector2, Vector3};
+use nalgebra::{Rotation3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::camera::Lens;
 use crate::cv::{self, BoardView, LensFit};
+use crate::uncertainty::k95;
 
-/// Standard uncertainties of the free numbers of the lens, the views' poses being unknown too. (OpenCV's own divide the
-/// sum of squares by the number of points, not by that of coordinates, and are about 1.4 times too large.)
-pub(super) fn uncertainties(
+/// What one view says of the lens, its own pose being unknown too.
+struct Say {
+    normal: SMatrix<f64, 9, 9>,
+    /// Its points' pull on the lens that all views agree on.
+    pull: SVector<f64, 9>,
+}
+
+/// Half-widths of the 95 % intervals of the free numbers of the lens.
+///
+/// By the jackknife over views: each view in turn is left out (one linear step from the fit), and the lenses so found
+/// scatter as the lens does. The errors of a view's points have causes in common (its blur and tilt, a print that is
+/// not flat, the detector's windows), so a view counts as one witness, however many its points.
+pub(super) fn intervals(
     found: &[(usize, BoardView)],
     fit: &LensFit,
     residuals: &[Vec<Vector2<f64>>],
     free: [bool; 9],
 ) -> [Option<f64>; 9] {
-    let mut normal = SMatrix::<f64, 9, 9>::zeros();
-    let (mut squares, mut dof) = (0.0, -(free.iter().filter(|f| **f).count() as f64));
-    for (((_, view), pose), residuals) in found.iter().zip(&fit.poses).zip(residuals) {
-        squares += residuals.iter().map(Vector2::norm_squared).sum::<f64>();
-        dof += 2.0 * residuals.len() as f64 - 6.0;
-        let lens: Vec<Vec<Vector2<f64>>> = (0..9)
-            .map(|i| slope(|by| view.residuals(&nudged(&fit.lens, i, by), pose), 1e-5))
-            .collect();
-        let own: Vec<Vec<Vector2<f64>>> = (0..6)
-            .map(|i| slope(|by| view.residuals(&fit.lens, &moved(pose, i, by)), 1e-5))
-            .collect();
-        let mut ll = SMatrix::<f64, 9, 9>::zeros();
-        let mut lo = SMatrix::<f64, 9, 6>::zeros();
-        let mut oo = SMatrix::<f64, 6, 6>::zeros();
-        for k in 0..residuals.len() {
-            let a = SMatrix::<f64, 9, 2>::from_fn(|i, c| if free[i] { lens[i][k][c] } else { 0.0 });
-            let b = SMatrix::<f64, 6, 2>::from_fn(|i, c| own[i][k][c]);
-            ll += a * a.transpose();
-            lo += a * b.transpose();
-            oo += b * b.transpose();
-        }
-        let Some(inverse) = oo.try_inverse() else { continue };
-        normal += ll - lo * inverse * lo.transpose();
-    }
+    let says: Vec<Say> = found
+        .iter()
+        .zip(&fit.poses)
+        .zip(residuals)
+        .filter_map(|(((_, view), pose), seen)| say(view, &fit.lens, pose, seen, free))
+        .collect();
+    let normal: SMatrix<f64, 9, 9> = says.iter().map(|s| s.normal).sum();
     // Scaled to a unit diagonal before it is inverted; numbers held at zero stand alone.
     let scale: [f64; 9] =
         std::array::from_fn(|i| if free[i] { normal[(i, i)].max(0.0).sqrt() } else { 0.0 });
-    let mut scaled = SMatrix::<f64, 9, 9>::identity();
-    for i in (0..9).filter(|&i| scale[i] > 0.0) {
-        for j in (0..9).filter(|&j| scale[j] > 0.0) {
-            scaled[(i, j)] = normal[(i, j)] / (scale[i] * scale[j]);
-        }
-    }
-    let inverse = scaled.try_inverse();
+    let known = (0..9).all(|i| !free[i] || scale[i] > 0.0);
+    let without = |s: &Say| -> Option<SVector<f64, 9>> {
+        let rest = normal - s.normal;
+        let scaled = SMatrix::<f64, 9, 9>::from_fn(|i, j| match (free[i] && free[j], i == j) {
+            (true, _) => rest[(i, j)] / (scale[i] * scale[j]),
+            (false, same) => f64::from(u8::from(same)),
+        });
+        let pull = SVector::from_fn(|i, _| if free[i] { s.pull[i] / scale[i] } else { 0.0 });
+        let step = scaled.cholesky()?.solve(&pull);
+        Some(SVector::from_fn(|i, _| if free[i] { step[i] / scale[i] } else { 0.0 }))
+    };
+    let steps: Option<Vec<SVector<f64, 9>>> =
+        if known { says.iter().map(without).collect() } else { None };
+    let dof = says.len() as f64 - 1.0;
     std::array::from_fn(|i| {
-        let known = inverse.filter(|_| scale[i] > 0.0 && dof > 0.0);
-        let variance = known.map(|c| c[(i, i)].max(0.0) / scale[i].powi(2) * squares / dof);
-        free[i].then(|| variance.map_or(f64::INFINITY, f64::sqrt))
+        free[i].then(|| {
+            steps.as_ref().filter(|_| dof > 0.0).map_or(f64::INFINITY, |steps| {
+                let squares: f64 = steps.iter().map(|s| s[i].powi(2)).sum();
+                k95(dof) * (squares * dof / (dof + 1.0)).sqrt()
+            })
+        })
     })
+}
+
+/// `None` where the view's pose is undetermined.
+fn say(
+    view: &BoardView,
+    at: &Lens,
+    pose: &cv::Pose,
+    residuals: &[Vector2<f64>],
+    free: [bool; 9],
+) -> Option<Say> {
+    let lens: Vec<Vec<Vector2<f64>>> =
+        (0..9).map(|i| slope(|by| view.residuals(&nudged(at, i, by), pose), 1e-5)).collect();
+    let own: Vec<Vec<Vector2<f64>>> =
+        (0..6).map(|i| slope(|by| view.residuals(at, &moved(pose, i, by)), 1e-5)).collect();
+    let mut ll = SMatrix::<f64, 9, 9>::zeros();
+    let mut lo = SMatrix::<f64, 9, 6>::zeros();
+    let mut oo = SMatrix::<f64, 6, 6>::zeros();
+    let (mut le, mut oe) = (SVector::<f64, 9>::zeros(), SVector::<f64, 6>::zeros());
+    for (k, e) in residuals.iter().enumerate() {
+        let a = SMatrix::<f64, 9, 2>::from_fn(|i, c| if free[i] { lens[i][k][c] } else { 0.0 });
+        let b = SMatrix::<f64, 6, 2>::from_fn(|i, c| own[i][k][c]);
+        ll += a * a.transpose();
+        lo += a * b.transpose();
+        oo += b * b.transpose();
+        le += a * e;
+        oe += b * e;
+    }
+    let share = lo * oo.try_inverse()?;
+    Some(Say { normal: ll - share * lo.transpose(), pull: le - share * oe })
 }
 
 /// Central differences.

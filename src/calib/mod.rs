@@ -1,6 +1,7 @@
 //! Calibrating: the measuring plane and the laser with the machine as the ruler, targets and lenses, and whether a
 //! calibration still holds.
 
+mod board_view;
 pub mod check;
 mod homography;
 pub mod laser;

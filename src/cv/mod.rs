@@ -94,12 +94,14 @@ pub struct Pose {
 }
 
 /// One view of a board: places on it and where they are seen.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct BoardView {
     /// Places on the board.
     pub board_mm: Vec<Vector2<f64>>,
-    /// The same in the picture.
+    /// The same in the picture: corners, or the middles of dots' images.
     pub pixels: Vec<Vector2<f64>>,
+    /// Radius of the dots; 0 for corners.
+    pub radius_mm: f64,
 }
 
 /// The program's version with what is built in, as `--version` prints it.

@@ -117,6 +117,11 @@ impl Target {
         Vector2::new(self.columns as f64, self.rows as f64) * self.pitch_mm
     }
 
+    /// Radius of the dots; 0 where there are none.
+    pub fn dot_radius_mm(&self) -> f64 {
+        if self.kind == Kind::Dots { 0.5 * DOT_SHARE * self.pitch_mm } else { 0.0 }
+    }
+
     /// Points across and down that a detector finds: inner corners, or dots.
     pub fn grid(&self) -> (usize, usize) {
         match self.kind {
@@ -146,7 +151,7 @@ impl Target {
                 match self.kind {
                     Kind::Dots => {
                         let center = corner + Vector2::repeat(0.5 * p);
-                        list.push(Shape::Disc { center, radius: 0.5 * DOT_SHARE * p });
+                        list.push(Shape::Disc { center, radius: self.dot_radius_mm() });
                     }
                     _ if (r + c).is_multiple_of(2) => {
                         list.push(Shape::Box { corner, size: Vector2::repeat(p), ink: true });

@@ -4,7 +4,7 @@ use std::fmt::Write;
 use std::path::PathBuf;
 
 use super::super::outfiles::OutFile;
-use super::super::{Global, Outcome, result};
+use super::super::{Global, Outcome, Status, result};
 use crate::calib::lens::{self, Report};
 use crate::calib::target::Target;
 use crate::cv::Distortion;
@@ -54,7 +54,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let output = Output { target: args.target.to_string(), report };
     let json = result("calib-camera", &args.images, &report.warnings, &output);
-    Ok(Outcome::good(Document::single(json, table(report))))
+    let status = if made.unread > 0 { Status::SomeFailed } else { Status::Good };
+    Ok(Outcome { document: Some(Document::single(json, table(report))), status })
 }
 
 fn table(r: &Report) -> String {

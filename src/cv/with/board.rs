@@ -9,6 +9,7 @@ use super::{failed, mat};
 use crate::calib::target::{Kind, MARKER_SHARE, Target};
 use crate::cv::Detection;
 use crate::error::Result;
+use crate::fit::robust::median;
 use crate::frame::Gray;
 
 /// Finds the target's points; `None` where the picture does not show it.
@@ -19,7 +20,7 @@ pub fn detect(gray: &Gray<u8>, target: &Target) -> Result<Option<Detection>> {
     let found = match target.kind {
         Kind::Charuco => return charuco(&image, target).map_err(failed),
         Kind::Chessboard => chessboard(&image, size),
-        Kind::Dots => dots(&image, size),
+        Kind::Dots => return dots(&image, size).map_err(failed),
     };
     Ok(found.map_err(failed)?.map(|pixels| Detection { ids: (0..pixels.len()).collect(), pixels }))
 }
@@ -55,7 +56,7 @@ fn refine(
     imgproc::corner_sub_pix(image, corners, Size::new(half, half), Size::new(-1, -1), until)
 }
 
-fn dots(image: &impl ToInputArray, size: Size) -> Found<Vec<Vector2<f64>>> {
+fn dots(image: &impl ToInputArray, size: Size) -> Found<Detection> {
     let mut params = features2d::SimpleBlobDetector_Params::default()?;
     // Dots of any size that the frame can hold.
     params.min_area = 20.0;
@@ -68,10 +69,28 @@ fn dots(image: &impl ToInputArray, size: Size) -> Found<Vec<Vector2<f64>>> {
     ] {
         let mut centers = Vector::<Point2f>::new();
         if calib3d::find_circles_grid(image, size, &mut centers, flags, Some(&detector))? {
-            return Ok(Some(plain(&centers)));
+            let found = on_a_plane(&centers, size)?;
+            if 5 * found.ids.len() >= 4 * centers.len() {
+                return Ok(Some(found));
+            }
         }
     }
     Ok(None)
+}
+
+/// Those of a grid's points that lie where a flat grid has them: OpenCV takes a neighbour for a dot that it missed.
+fn on_a_plane(centers: &Vector<Point2f>, size: Size) -> opencv::Result<Detection> {
+    let place = |i: i32| Point2f::new((i % size.width) as f32, (i / size.width) as f32);
+    let grid: Vector<Point2f> = (0..size.area()).map(place).collect();
+    let places = plain(centers);
+    let mut steps: Vec<f64> = places.windows(2).map(|w| (w[1] - w[0]).norm()).collect();
+    // Distortion bends a grid by less, a neighbour is a whole step away.
+    let near = 0.3 * median(&mut steps);
+    let mut mask = Mat::default();
+    calib3d::find_homography(&grid, centers, &mut mask, calib3d::RANSAC, near)?;
+    let kept = mask.data_bytes()?;
+    let ids: Vec<usize> = (0..places.len()).filter(|&i| kept.get(i) == Some(&1)).collect();
+    Ok(Detection { pixels: ids.iter().map(|&i| places[i]).collect(), ids })
 }
 
 fn charuco(image: &(impl ToInputArray + MatTraitConst), target: &Target) -> Found<Detection> {
