@@ -2,7 +2,7 @@
 
 use std::fmt::Write as _;
 
-use crate::diagnose::basis::{Basis, middle, of_order, smooth};
+use crate::diagnose::basis::{Basis, middle};
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::generic::{Shape, Term, level_edges};
 
@@ -27,14 +27,6 @@ impl Term {
                     last = *value;
                 }
             }
-            Shape::Surface(other) => {
-                let w = &layout.variables[other];
-                let (a, b) = (smooth(variable), smooth(w));
-                let products = a.iter().flat_map(|p| b.iter().map(move |q| (p, q))).skip(1);
-                for (value, (p, q)) in values.iter().zip(products) {
-                    sum.add(*value, &format!("{}*{}", p.text(name, x), q.text(w.name, &w.values)));
-                }
-            }
             Shape::Wave(cycles) => {
                 let (mid, half) = middle(x);
                 let phase =
@@ -42,10 +34,11 @@ impl Term {
                 sum.add(values[0], &format!("cos{phase}"));
                 sum.add(values[1], &format!("sin{phase}"));
             }
-            Shape::Product(other, p, q) => {
+            Shape::Surface(other) | Shape::Product(other, ..) => {
                 let w = &layout.variables[other];
-                let (a, b) = (of_order(variable, p), of_order(w, q));
-                let products = a.iter().flat_map(|p| b.iter().map(move |q| (p, q)));
+                let (a, b) = self.shape.factors(variable, w);
+                let both = a.iter().flat_map(|p| b.iter().map(move |q| (p, q)));
+                let products = both.skip(usize::from(self.shape.has_constant()));
                 for (value, (p, q)) in values.iter().zip(products) {
                     sum.add(*value, &format!("{}*{}", p.text(name, x), q.text(w.name, &w.values)));
                 }

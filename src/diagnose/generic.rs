@@ -3,7 +3,7 @@
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::basis::{legendre, middle, of_order, orders, smooth};
+use crate::diagnose::basis::{Basis, legendre, middle, of_order, orders, smooth};
 use crate::diagnose::experiment::{Layout, Variable};
 
 /// A shape in one variable.
@@ -94,27 +94,19 @@ impl Term {
                 let phase = move |x: f64| std::f64::consts::PI * cycles * (x - mid) / half;
                 vec![column(&|x| phase(x).cos()), column(&|x| phase(x).sin())]
             }
-            Shape::Product(other, p, q) => {
-                let v = &layout.variables[other];
-                let of = |w: &Variable, k: u32| {
-                    of_order(w, k).into_iter().map(|f| f.values(&w.values)).collect::<Vec<_>>()
+            Shape::Surface(other) | Shape::Product(other, ..) => {
+                let (v, w) = (&layout.variables[self.variable], &layout.variables[other]);
+                let values = |v: &Variable, functions: Vec<Basis>| -> Vec<Vec<f64>> {
+                    functions.into_iter().map(|f| f.values(&v.values)).collect()
                 };
-                let (a, b) = (of(&layout.variables[self.variable], p), of(v, q));
+                let (a, b) = self.shape.factors(v, w);
+                let (a, b) = (values(v, a), values(w, b));
                 let both = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
-                both.map(|(a, b)| (0..x.len()).map(|i| along[i] * a[i] * b[i]).collect()).collect()
-            }
-            Shape::Surface(other) => {
-                let functions = |v: &Variable| -> Vec<Vec<f64>> {
-                    smooth(v).into_iter().map(|f| f.values(&v.values)).collect()
+                let product = |(a, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
+                    (0..x.len()).map(|i| along[i] * a[i] * b[i]).collect()
                 };
-                let a = functions(&layout.variables[self.variable]);
-                let b = functions(&layout.variables[other]);
-                let product = |p: usize, q: usize| -> Vec<f64> {
-                    (0..x.len()).map(|i| along[i] * a[p][i] * b[q][i]).collect()
-                };
-                let all = (0..a.len()).flat_map(|p| (0..b.len()).map(move |q| (p, q)));
-                // The first of each is the constant.
-                all.skip(1).map(|(p, q)| product(p, q)).collect()
+                // The first of all is the constant, which comes last.
+                both.skip(usize::from(self.shape.has_constant())).map(product).collect()
             }
             Shape::Bump(at, width) => {
                 let turn = layout.variables[self.variable].angle;
@@ -271,16 +263,17 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
                 let columns = smooth(v).len() * smooth(w).len();
                 let many = columns > layout.group_count() / CAPTURES_TO_A_LEVEL;
                 let varies = varies(&v.values) && varies(&w.values);
-                if !(slow(v.name) && slow(w.name)) && varies && !many {
+                if slow(v.name) && slow(w.name) || !varies {
+                    continue;
+                }
+                if !many {
                     terms.push(Term { direction, variable, shape: Shape::Surface(other) });
                 }
-                if !(slow(v.name) && slow(w.name)) && varies {
-                    let up_to = |v: &Variable| 1..=PRODUCT_ORDER.min(orders(v));
-                    let both = up_to(v).flat_map(|p| up_to(w).map(move |q| (p, q)));
-                    let few = both.filter(|(p, q)| p + q <= PRODUCT_ORDER + 1);
-                    let shapes = few.map(|(p, q)| Shape::Product(other, p, q));
-                    terms.extend(shapes.map(|shape| Term { direction, variable, shape }));
-                }
+                let up_to = |v: &Variable| 1..=PRODUCT_ORDER.min(orders(v));
+                let both = up_to(v).flat_map(|p| up_to(w).map(move |q| (p, q)));
+                let few = both.filter(|(p, q)| p + q <= PRODUCT_ORDER + 1);
+                let shapes = few.map(|(p, q)| Shape::Product(other, p, q));
+                terms.extend(shapes.map(|shape| Term { direction, variable, shape }));
             }
         }
     }
@@ -370,6 +363,14 @@ impl Shape {
     /// Whether it stands at a place, or has a number of cycles, that is searched for.
     pub fn is_placed(self) -> bool {
         matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
+    }
+
+    /// The functions of one variable and of another whose products make a shape over both.
+    pub(super) fn factors(self, v: &Variable, w: &Variable) -> (Vec<Basis>, Vec<Basis>) {
+        match self {
+            Self::Product(_, p, q) => (of_order(v, p), of_order(w, q)),
+            _ => (smooth(v), smooth(w)),
+        }
     }
 
     /// Whether a constant goes with it: what comes as one whole of cycles, or changes sign with another variable, needs none.

@@ -85,8 +85,7 @@ impl Space {
 
     /// The space in which the errors of neighbours have this correlation.
     pub fn with_serial(layout: &Layout, keep: &[bool], neighbours: f64) -> Self {
-        let serial = (neighbours > 0.0).then(|| Serial::new(layout, keep, neighbours));
-        Self { serial, ..Self::new(layout, keep) }
+        Self { serial: Some(Serial::new(layout, keep, neighbours)), ..Self::new(layout, keep) }
     }
 
     /// Correlation of the errors of neighbours, where it is part of the noise.

@@ -8,7 +8,7 @@ pub(super) fn strongest_beyond(ring: &Candidate, edges: &[Candidate]) -> f64 {
     const BEYOND: std::ops::Range<f64> = 1.02..1.6;
     edges
         .iter()
-        .filter(|o| concentric(o, ring) && is_as_clear(o, ring))
+        .filter(|o| is_concentric(o, ring) && is_as_clear(o, ring))
         .filter(|o| BEYOND.contains(&(o.circle.radius / ring.circle.radius)))
         .map(|o| (o.step / ring.step).abs())
         .fold(0.0, f64::max)
@@ -20,6 +20,6 @@ pub(super) fn is_as_clear(o: &Candidate, c: &Candidate) -> bool {
 }
 
 /// Whether two circles are about one centre.
-pub(super) fn concentric(a: &Candidate, b: &Candidate) -> bool {
+pub(super) fn is_concentric(a: &Candidate, b: &Candidate) -> bool {
     (a.circle.center - b.circle.center).norm() < 0.12 * a.circle.radius.max(b.circle.radius)
 }

@@ -236,7 +236,7 @@ impl Picture<'_> {
         search: Search,
         stands_out: impl FnOnce() -> bool,
     ) -> Option<Found> {
-        let mut ring = ring.perhaps_soft();
+        let ring = ring.perhaps_soft();
         let off = (2.0 * ring.circle.radius / self.expect_mm - 1.0).abs();
         if off > DIAMETER_WINDOW
             || !SAME_STEP.contains(&(ring.contrast / c.step))
@@ -244,25 +244,28 @@ impl Picture<'_> {
         {
             return None;
         }
-        let pixel_mm = self.view.pixel_mm();
-        if ring.may_hide_tint(pixel_mm) {
-            let mut edges = self.about(c);
-            // A stronger one is another edge of the part: a chamfer's, a washer's rim.
-            edges.retain(|o| o.step.abs() < MOST_BAND * c.step.abs());
-            ring = ring.banded(bands::strongest_beyond(c, &edges), pixel_mm);
-        }
         let faint = is_faint(&ring);
-        if is_regular(&ring) && !faint {
-            return Some(Found::Circle((ring, search)));
-        }
-        if !stands_out() {
+        let clear = is_regular(&ring) && !faint;
+        if !clear && !stands_out() {
             return None;
         }
-        if form(&ring) < if faint { REGULAR } else { RAGGED } {
-            return Some(Found::Circle((ring, search)));
+        if clear || form(&ring) < if faint { REGULAR } else { RAGGED } {
+            return Some(Found::Circle((self.with_tint(c, ring), search)));
         }
         let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc(&ring);
-        poor.then_some(Found::Ragged((ring, search)))
+        poor.then(|| Found::Ragged((self.with_tint(c, ring), search)))
+    }
+
+    /// A circle with what bands of tint beyond it may have moved it.
+    fn with_tint(&self, c: &Candidate, ring: Ring) -> Ring {
+        let pixel_mm = self.view.pixel_mm();
+        if !ring.may_hide_tint(pixel_mm) {
+            return ring;
+        }
+        let mut edges = self.about(c);
+        // A stronger one is another edge of the part: a chamfer's, a washer's rim.
+        edges.retain(|o| o.step.abs() < MOST_BAND * c.step.abs());
+        ring.banded(bands::strongest_beyond(c, &edges), pixel_mm)
     }
 }
 

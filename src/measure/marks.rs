@@ -7,8 +7,8 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::bands::{self, concentric, is_as_clear};
-use crate::measure::concentric as both_edges;
+use crate::measure::bands::{self, is_as_clear, is_concentric};
+use crate::measure::concentric;
 use crate::measure::expected::{around, measure_candidate};
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -77,7 +77,8 @@ pub(super) fn measure(
         if outer.step.abs() < FAINT * refused_step {
             continue;
         }
-        if refused.iter().any(|r| concentric(r, outer) && outer.step.abs() < HALO * r.step.abs()) {
+        if refused.iter().any(|r| is_concentric(r, outer) && outer.step.abs() < HALO * r.step.abs())
+        {
             rippled = true;
             continue;
         }
@@ -85,7 +86,7 @@ pub(super) fn measure(
             let least_step = 0.3 * outer.step.abs();
             // What runs along ring and spot in turn looks like a circle too: beside a clear spot it is no mark.
             let is_mark = |e: &&Candidate| {
-                let clear = e.score > LESS_CLEAR * c.score || concentric(e, outer);
+                let clear = e.score > LESS_CLEAR * c.score || is_concentric(e, outer);
                 clear || matches!(sides, Sides::Edge)
             };
             let others = (steady.iter().filter(is_mark))
@@ -102,7 +103,7 @@ pub(super) fn measure(
             continue;
         }
         let edges: Vec<Candidate> =
-            steady.iter().filter(|c| concentric(c, outer)).copied().collect();
+            steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
         let spots_at = |place| (place, spot::candidates(&look, outer, &edges, place));
         let mut looks = spot::PLACES.iter().map(spots_at).filter(|(_, s)| !s.is_empty()).peekable();
         if looks.peek().is_none() {
@@ -223,7 +224,7 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
             .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
             .unwrap_or(c);
         let known = |r: &Candidate| {
-            concentric(r, outermost)
+            is_concentric(r, outermost)
                 && (r.circle.radius / outermost.circle.radius - 1.0).abs() < 0.05
         };
         if !rings.iter().any(known) {
@@ -235,7 +236,7 @@ fn ring_candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
 
 /// Whether another edge has a candidate's centre, and is about as well seen.
 fn shares_center(o: &Candidate, c: &Candidate) -> bool {
-    concentric(o, c)
+    is_concentric(o, c)
         && (o.circle.center - c.circle.center).norm()
             < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
         && is_as_clear(o, c)
@@ -312,7 +313,7 @@ fn measure_ring(
         good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
     });
     let ring = match inner {
-        Some(inner) => both_edges::join(ring, &inner),
+        Some(inner) => concentric::join(ring, &inner),
         None => ring,
     };
     Some(ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm()))
