@@ -71,7 +71,8 @@ struct ApplyArgs {
     /// Move the path back from the blank
     #[arg(long)]
     inverse: bool,
-    /// Most a straight move of the joints may leave the path; points are added to keep it
+    /// Most that the tool's point may leave the path in a straight move of the joints; points are added to keep it. The
+    /// tool's direction is held at the points alone
     #[arg(long, value_name = "MM", default_value_t = 0.005)]
     tolerance_mm: f64,
     /// Digits after the point (default: 9 for CL data, 6 for NC code; angles 2 more)
