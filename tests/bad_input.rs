@@ -387,6 +387,22 @@ fn rows_that_stand_twice_count_once_and_are_named() {
     assert_eq!(once.stdout, twice.stdout);
     let said = String::from_utf8_lossy(&twice.stderr).into_owned();
     assert!(said.contains("twice.csv") && said.contains("counts once"), "{said}");
+    // A sweep whose every second pose is measured again tells its noise; a copy of it tells no more.
+    let mut sweep = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+    for i in 0..18 {
+        let (b, c) = (f64::from(i % 12) * 10.0 - 60.0, f64::from(i % 12) * 25.0);
+        let d = [7, 11, 13].map(|k| f64::from(i * k % 5) * 0.001);
+        sweep += &format!("{b},{c},{},{},{}\n", d[0], d[1], d[2]);
+    }
+    let rows = sweep.split_once('\n').unwrap().1;
+    std::fs::write(dir.join("sweep.csv"), &sweep).unwrap();
+    std::fs::write(dir.join("sweep2.csv"), format!("{sweep}{rows}")).unwrap();
+    let once = run(dir, "verify --machine machine.toml --data sweep.csv");
+    let twice = run(dir, "verify --machine machine.toml --data sweep2.csv");
+    assert_eq!(once.stdout, twice.stdout);
+    assert!(String::from_utf8_lossy(&once.stdout).contains("poses measured again"), "{once:?}");
+    let said = String::from_utf8_lossy(&twice.stderr).into_owned();
+    assert!(said.contains("sweep2.csv: 18 left out") && said.contains("line 20,"), "{said}");
 }
 
 #[test]

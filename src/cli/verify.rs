@@ -182,7 +182,8 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
-    let sweep = Sweep::read_measured(data)?;
+    let mut warnings = Vec::new();
+    let sweep = Sweep::read_measured(data, &mut warnings)?;
     let measured = sweep.deviation_mm.clone().unwrap_or_default();
     if measured.len() < 4 {
         let fix = "measure more poses (verify --plan suggests them)";
@@ -194,7 +195,6 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         corrected: args.now.is_some(),
     };
     let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
-    let mut warnings = Vec::new();
     doubts(&sweep, &measured, &mut warnings);
     if !machine.effects.is_empty() {
         let entries = own::of_machine(machine, "rtcp");

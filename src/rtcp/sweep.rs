@@ -8,6 +8,7 @@ use rayon::prelude::*;
 
 use crate::error::Result;
 use crate::machine::Chain;
+use crate::repeats;
 use crate::rtcp::deviation;
 use crate::table::Table;
 
@@ -33,10 +34,13 @@ impl Sweep {
         Self::from_columns(Table::read(path, &["b_deg", "c_deg"], &Self::optional())?)
     }
 
-    /// As [`Sweep::read`], but the deviation must be there.
-    pub fn read_measured(path: impl AsRef<Path>) -> Result<Self> {
+    /// As [`Sweep::read`], but the deviation must be there, and rows that stand twice count once.
+    pub fn read_measured(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Self> {
         let required = ["b_deg", "c_deg", "dx_mm", "dy_mm", "dz_mm"];
-        Self::from_columns(Table::read(path, &required, &CONDITIONS)?)
+        let mut table = Table::read(path, &required, &CONDITIONS)?;
+        let rows = repeats::rows_once(&table, warnings);
+        table.keep(&rows);
+        Self::from_columns(table)
     }
 
     fn optional() -> Vec<&'static str> {

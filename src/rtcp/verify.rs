@@ -95,7 +95,8 @@ pub fn verify(
     }
 }
 
-/// Standard deviation of a component at poses that were measured more than once; `None` where there are too few.
+/// Standard deviation of a component at poses that were measured more than once; `None` where there are too few, or where all
+/// agree to the last digit: then they were copied or read too coarsely, and tell nothing.
 fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<f64> {
     let mut poses: BTreeMap<[i64; 2], Vec<Vector3<f64>>> = BTreeMap::new();
     for (r, d) in rotary.iter().zip(d) {
@@ -107,7 +108,7 @@ fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<f64> {
         sum += list.iter().map(|d| (d - mean).norm_squared()).sum::<f64>();
         dof += 3.0 * (list.len() as f64 - 1.0);
     }
-    (dof >= LEAST_REPEATS).then(|| (sum / dof).sqrt())
+    (dof >= LEAST_REPEATS && sum > 0.0).then(|| (sum / dof).sqrt())
 }
 
 /// Half-width of the 95 % interval of the largest length. The largest of many was chosen for its noise too: it is off by no more than
