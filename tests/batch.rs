@@ -94,6 +94,13 @@ fn killed_at_fifty_random_moments_it_neither_repeats_nor_loses_a_picture() {
             lines_before = 0;
         }
     }
+    // A killed process takes a moment to go, and its lock with it.
+    let journal = std::fs::File::open(dir.join("killed3/results.jsonl")).unwrap();
+    journal.lock().unwrap();
+    let child = batch(dir, "killed3", &["--resume"]).spawn().unwrap();
+    std::thread::sleep(Duration::from_millis(500));
+    drop(journal);
+    assert_eq!(child.wait_with_output().unwrap().status.code(), Some(0));
     let names: Vec<PathBuf> =
         std::fs::read_dir(dir.join("killed3")).unwrap().map(|e| e.unwrap().path()).collect();
     assert!(names.len() >= 5, "{names:?}");

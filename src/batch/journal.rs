@@ -17,6 +17,9 @@ use crate::uncertainty::Verdict;
 /// How often lines are forced onto the disk: what a power cut may cost.
 const SYNC_EVERY: Duration = Duration::from_secs(1);
 
+/// How long a lock is waited for: the system's lock ends with its process, but one that was killed takes a moment to go.
+const PATIENCE: Duration = Duration::from_secs(2);
+
 /// What one line says, as far as the batch itself needs it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
@@ -65,24 +68,31 @@ impl Journal {
     pub fn open(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref().to_owned();
         let failed = |e| Error::io(&path, "open", e);
-        let file = OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .open(&path)
-            .map_err(failed)?;
-        match file.try_lock() {
-            Ok(()) => {}
-            Err(TryLockError::WouldBlock) => {
-                return Err(Error::file(
-                    &path,
-                    "another batch is writing it",
-                    "wait for it or choose another --out",
-                ));
+        let begun = Instant::now();
+        let file = loop {
+            // Opened anew each time: a batch that ends puts another file in its place.
+            let file = OpenOptions::new()
+                .read(true)
+                .write(true)
+                .create(true)
+                .truncate(false)
+                .open(&path)
+                .map_err(failed)?;
+            match file.try_lock() {
+                Ok(()) => break file,
+                Err(TryLockError::WouldBlock) if begun.elapsed() < PATIENCE => {
+                    std::thread::sleep(PATIENCE / 40);
+                }
+                Err(TryLockError::WouldBlock) => {
+                    return Err(Error::file(
+                        &path,
+                        "another batch is writing it",
+                        "wait for it or choose another --out",
+                    ));
+                }
+                Err(TryLockError::Error(e)) => return Err(failed(e)),
             }
-            Err(TryLockError::Error(e)) => return Err(failed(e)),
-        }
+        };
         let (entries, end) = read(&path, &file)?;
         file.set_len(end).map_err(failed)?;
         let mut journal = Self { path, file, end, synced: Instant::now(), entries };

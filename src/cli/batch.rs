@@ -74,6 +74,9 @@ pub struct Plan {
     images: Vec<String>,
 }
 
+/// More threads than any machine has cores take minutes to start, or do not at all.
+const MOST_THREADS: usize = 1024;
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let job = Job::read(&args.job)?;
@@ -96,6 +99,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             idle: args.idle_s.map(|s| seconds("--idle-s", s)).transpose()?,
         }),
     };
+    if args.threads > MOST_THREADS {
+        let fix = format!("give {MOST_THREADS} at most; 0 takes every core");
+        return Err(Error::option("--threads", format!("is {}", args.threads), fix));
+    }
     let options = Options {
         input: args.input.clone(),
         out: out.to_path_buf(),
