@@ -311,6 +311,22 @@ fn positions_without_a_picture_are_told_and_a_folder_is_not_stored_into_itself()
         std::fs::read_to_string(&manifest).unwrap().lines().skip(1).map(str::to_owned).collect();
     assert_eq!(rows.len(), 5, "{rows:?}");
     assert_eq!(rows[1..3], ["capture-0002.jpg,3,4,0", "capture-0003.jpg,7,8,0"]);
+    // At the very same time too.
+    #[cfg(unix)]
+    {
+        std::thread::scope(|scope| {
+            for _ in 0..4 {
+                scope.spawn(|| {
+                    let mut session = Store::open(&store).unwrap();
+                    (0..10).for_each(|_| drop(session.add(&shot(), at).unwrap()));
+                });
+            }
+        });
+        let text = std::fs::read_to_string(&manifest).unwrap();
+        let images: std::collections::HashSet<_> =
+            text.lines().skip(1).map(|l| l.split(',').next()).collect();
+        assert_eq!((images.len(), text.lines().count()), (45, 46));
+    }
 }
 
 /// Starts the program with pipes.

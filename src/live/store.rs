@@ -133,6 +133,9 @@ impl Store {
                 (bytes, "png")
             }
         };
+        // Where folders can be locked, two sessions in one take turns; the lock ends with the process.
+        let turn = std::fs::File::open(&self.folder);
+        let _turn = turn.ok().filter(|folder| folder.lock().is_ok());
         let stem = loop {
             let stem = format!("capture-{:04}", self.next);
             let taken = ["jpg", "png", extension]
