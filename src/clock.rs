@@ -47,7 +47,10 @@ pub fn parse(text: &str) -> Option<u64> {
         20 => number(11..13)? * 3600 + number(14..16)? * 60 + number(17..19)?,
         _ => return None,
     };
-    u64::try_from(days * 86_400 + time).ok()
+    // 30 February is another day when it is written again.
+    u64::try_from(days * 86_400 + time)
+        .ok()
+        .filter(|&t| utc(t).starts_with(text.trim_end_matches('Z')))
 }
 
 #[cfg(test)]

@@ -80,7 +80,7 @@ fn remedy(path: &Path, error: &std::io::Error) -> String {
 }
 
 /// The first part of a path that is not there, and what is there that is written nearly the same.
-fn missing(path: &Path) -> String {
+pub fn missing(path: &Path) -> String {
     let whole = path.ancestors().take_while(|p| !p.as_os_str().is_empty());
     let Some(gone) = whole.filter(|p| !p.exists()).last() else {
         return "correct the path".into();

@@ -139,6 +139,14 @@ fn one(folder: &Path, program: &Path) -> Result<Case> {
 }
 
 fn expected(path: &Path) -> Result<Vec<(String, String, Option<f64>)>> {
+    if !path.exists() {
+        return Err(Error::file(
+            path,
+            "the table of expected values is missing",
+            "write it: the header key,value,tolerance, then a line for each key of the result to hold, such as r_mm,0,0.001; \
+             --update fills the values in",
+        ));
+    }
     let table = Table::read(path, &["key", "value", "tolerance"], &[])?;
     (0..table.rows())
         .map(|row| {

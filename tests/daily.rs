@@ -90,12 +90,16 @@ fn records_are_kept_listed_exported_and_drift_is_told() {
         ok(dir, &["history", "--records", "r.sqlite", "--since", "2100-01-01"])
             .contains("0 records")
     );
+    let output = run(dir, &["history", "--records", "r.sqlite", "--command", "slove"]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success() && said.contains("the file holds: solve 5"), "{said}");
     refused(dir, &["history"], "--records: is missing");
-    refused(dir, &["history", "--records", "none.sqlite"], "there are no records");
+    refused(dir, &["history", "--records", "r.sqlit"], "there are no records");
+    refused(dir, &["history", "--records", "r.sqlit"], "did you mean 'r.sqlite'?");
     refused(dir, &["history", "--records", "session.toml"], "cannot be used");
     refused(
         dir,
-        &["history", "--records", "r.sqlite", "--since", "yesterday"],
+        &["history", "--records", "r.sqlite", "--since", "2026-02-30"],
         "--since: is not a date",
     );
     let since = ["history", "--records", "r.sqlite", "--since", "2026-02-01"];
@@ -159,6 +163,9 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     ok(dir, &["regress", "cases", "--update"]);
     ok(dir, &["regress", "cases"]);
     refused(dir, &["regress", "plots"], "plots: cannot read");
+    std::fs::rename(&expected, dir.join("e.csv")).unwrap();
+    refused(dir, &["regress", "cases"], "the table of expected values is missing");
+    std::fs::rename(dir.join("e.csv"), &expected).unwrap();
     std::fs::write(&expected, "key,value,tolerance\nr_mm,much,1e-6\n").unwrap();
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
     std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,-1e-6\n").unwrap();
@@ -183,18 +190,48 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     assert!(ok(dir, &["solve", "session.toml"]).starts_with("schema,version"));
     assert!(ok(dir, &["solve", "session.toml", "--format", "json"]).starts_with('{'));
     assert!(ok(dir, &["history"]).contains("2 records"));
+    // A table in a table is a command of the command; what the outer one sets does not disturb the inner.
+    std::fs::write(
+        dir.join("config.toml"),
+        "quiet = true\n[align]\ntouch-u-mm = 0.002\n[align.apply]\ndecimals = 3\nmachine = \"m.toml\"\n",
+    )
+    .unwrap();
+    refused(
+        dir,
+        &["align", "apply", "-q", "--align", "a.json", "a.cl", "b.cl"],
+        "a.json: cannot read",
+    );
+    std::fs::write(
+        dir.join("config.toml"),
+        "records = \"kept.sqlite\"\nlog = \"log.txt\"\n[solve]\nformat = \"csv\"\n",
+    )
+    .unwrap();
     assert!(ok(dir, &["config"]).contains("kept.sqlite"));
     refused(dir, &["solve", "none.toml"], "none.toml");
     let log = std::fs::read_to_string(dir.join("log.txt")).unwrap();
     assert!(log.contains("ended: Good") && log.contains("ended: none.toml"), "{log}");
     for (config, words) in [
         ("[fly]\na = 1\n", "fly"),
+        ("[slove]\na = 1\n", "did you mean 'solve'?"),
+        (
+            "[burn]\ntolerance-mm = \"thin\"\n",
+            "config.toml: burn.tolerance-mm: cannot be \"thin\"; give a number",
+        ),
+        ("[burn]\ntolerance-mm = [1, 2]\n", "give one value, not a list"),
+        ("[burn]\nnear-mm = 3\n", "give two numbers in mm: X,Y"),
+        ("[burn]\ncalib = 3\n", "give the name of a file"),
+        ("format = \"jsn\"\n", "format: cannot be \"jsn\"; give one of: table, json"),
+        ("[calib]\ntarget = \"x\"\n", "[calib.camera]"),
+        ("[calib.camera]\ntarget = 5\n", "calib.camera.target: cannot be 5"),
+        ("[ballbar.plan]\nradius = \"x\"\n", "ballbar.plan.radius"),
         ("[solve]\nspeed = 1\n", "has no option --speed"),
         ("[burn]\ntolerance_mm = 0.02\n", "did you mean 'tolerance-mm'?"),
-        ("quiet = \"x\"\n", "quiet"),
+        ("quiet = \"x\"\n", "quiet: cannot be \"x\"; write true or false"),
     ] {
         std::fs::write(dir.join("config.toml"), config).unwrap();
-        refused(dir, &["solve", "session.toml"], words);
+        for args in [&["solve", "session.toml"][..], &["config"]] {
+            refused(dir, args, words);
+        }
     }
 }
 

@@ -5,16 +5,18 @@
 //! [burn]
 //! calib = "bench.toml"
 //! tolerance-mm = 0.01
+//! [calib.camera]
+//! target = "charuco:11x7:15"
 //! ```
 //! The file is `$PIVOTSIGHT_CONFIG` (`none` for no defaults), else `pivotsight/config.toml` in the user's configuration folder. What the
 //! command line says wins.
 
+use std::any::TypeId;
 use std::ffi::OsString;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
-use clap::CommandFactory;
-
-use super::{Cli, Global, Outcome};
+use super::outfiles::OutFile;
+use super::{Global, Outcome};
 use crate::error::{Error, Result, nearest};
 use crate::output::Document;
 use crate::tomlfile;
@@ -51,96 +53,200 @@ pub fn run(_: &Args, _: &Global) -> Result<Outcome> {
 
 /// The command line with the defaults put in front of the user's own options.
 pub fn arguments(given: Vec<OsString>) -> Result<Vec<OsString>> {
+    // Help is there whatever the file holds.
+    if given.iter().any(|w| ["--help", "-h", "--version", "-V"].iter().any(|help| w == help)) {
+        return Ok(given);
+    }
     let path = file();
     let table = read(path.as_ref())?;
     let Some(path) = path.filter(|_| !table.is_empty()) else { return Ok(given) };
-    let program = Cli::command();
     let words: Vec<String> = given.iter().map(|a| a.to_string_lossy().into_owned()).collect();
-    let names: Vec<&str> = program.get_subcommands().map(clap::Command::get_name).collect();
+    let program = super::command();
+    let (mut asked, mut after) = (vec![&program], 0);
+    for (i, word) in words.iter().enumerate().skip(1) {
+        if let Some(command) = asked[asked.len() - 1].find_subcommand(word) {
+            asked.push(command);
+            after = i + 1;
+        }
+    }
+    let file = File { path: &path, program: &program, words: &words, asked: &asked };
     let mut defaults = Vec::new();
-    let mut place = None;
-    for (key, value) in &table {
-        let wrong = |reason: &str, fix: &str| Err(Error::field(&path, None, key, reason, fix));
-        match value {
-            toml::Value::Table(options) => {
-                let Some(command) = program.find_subcommand(key) else {
-                    return wrong("is not a command", "see pivotsight --help");
-                };
-                let here = words.iter().skip(1).position(|w| names.contains(&w.as_str()));
-                let here = here.map(|i| i + 1).filter(|&i| words[i] == *key);
-                place = place.or(here);
-                for (option, value) in options {
-                    let flags = option_words(&path, command, option, value)?;
-                    if here.is_some() && !is_given(&words, option) {
+    file.defaults(&table, &[&program], &mut defaults)?;
+    let mut all = given;
+    // Without a command (none, or a misspelt one) there is no place for them.
+    if after > 0 {
+        all.splice(after..after, defaults.into_iter().map(OsString::from));
+    }
+    Ok(all)
+}
+
+/// The file, and the command line that it is read for.
+struct File<'a> {
+    path: &'a Path,
+    program: &'a clap::Command,
+    words: &'a [String],
+    /// The program, the command, and a command of that.
+    asked: &'a [&'a clap::Command],
+}
+
+impl File<'_> {
+    /// Checks the table of the last of `commands`, and gathers what the command line wants of it and does not say itself.
+    fn defaults(
+        &self,
+        table: &toml::Table,
+        commands: &[&clap::Command],
+        defaults: &mut Vec<String>,
+    ) -> Result<()> {
+        let command = commands[commands.len() - 1];
+        let names = |c: &[&clap::Command]| -> Vec<String> {
+            c.iter().map(|c| c.get_name().to_owned()).collect()
+        };
+        let wanted = names(self.asked).starts_with(&names(commands));
+        for (key, value) in table {
+            match (value, command.find_subcommand(key)) {
+                (toml::Value::Table(inner), Some(next)) => {
+                    self.defaults(inner, &[commands, &[next]].concat(), defaults)?;
+                }
+                (toml::Value::Table(_), None) if commands.len() == 1 => {
+                    let known = command.get_subcommands().map(clap::Command::get_name);
+                    let fix = nearest(key, known).map_or_else(
+                        || "see pivotsight --help".into(),
+                        |name| format!("did you mean '{name}'?"),
+                    );
+                    return Err(Error::field(self.path, None, key, "is not a command", fix));
+                }
+                _ => {
+                    let (option, flags) = self.option(key, value, commands)?;
+                    // What only the outer command knows is none of the inner one's.
+                    let known = option.is_global_set() || commands.len() == self.asked.len();
+                    if wanted && known && !is_given(self.words, &option) {
                         defaults.extend(flags);
                     }
                 }
             }
-            value => {
-                let flags = option_words(&path, &program, key, value)?;
-                if !is_given(&words, key) {
-                    defaults.extend(flags);
+        }
+        Ok(())
+    }
+
+    /// The option of the last of `commands` that a key names, and its words: `--option=value`; lists repeat the option, `true` is the bare flag.
+    fn option(
+        &self,
+        key: &str,
+        value: &toml::Value,
+        commands: &[&clap::Command],
+    ) -> Result<(clap::Arg, Vec<String>)> {
+        let command = commands[commands.len() - 1];
+        let place: Vec<&str> = commands[1..].iter().map(|c| c.get_name()).chain([key]).collect();
+        let wrong = |reason: String, fix: String| {
+            Err(Error::field(self.path, None, place.join("."), reason, fix))
+        };
+        let known =
+            |c: &clap::Command| c.get_arguments().find(|a| a.get_long() == Some(key)).cloned();
+        let Some(option) = known(command).or_else(|| known(self.program)) else {
+            let long = |c: &clap::Command| -> Vec<String> {
+                c.get_arguments().filter_map(|a| a.get_long().map(str::to_owned)).collect()
+            };
+            let all = [long(command), long(self.program)].concat();
+            let inner: Vec<&str> = command.get_subcommands().map(clap::Command::get_name).collect();
+            let fix = match nearest(&key.replace('_', "-"), all) {
+                Some(name) => format!("did you mean '{name}'?"),
+                None if commands.len() > 1 && !inner.is_empty() => {
+                    let name = command.get_name();
+                    format!(
+                        "options of its commands stand in tables of their own: [{name}.{}]",
+                        inner.join(&format!("], [{name}."))
+                    )
                 }
+                None => {
+                    "correct the key; options are written without the dashes before them".into()
+                }
+            };
+            return wrong(format!("'{}' has no option --{key}", command.get_name()), fix);
+        };
+        if !option.get_action().takes_values() {
+            return match value {
+                toml::Value::Boolean(true) => Ok((option, vec![format!("--{key}")])),
+                toml::Value::Boolean(false) => Ok((option, Vec::new())),
+                _ => wrong(format!("cannot be {value}"), "write true or false".into()),
+            };
+        }
+        let parser = option.get_value_parser().type_id();
+        let is_path = parser == TypeId::of::<PathBuf>() || parser == TypeId::of::<OutFile>();
+        let word = |value: &toml::Value| match value {
+            toml::Value::String(text) => Some(format!("--{key}={text}")),
+            toml::Value::Integer(i) if !is_path => Some(format!("--{key}={i}")),
+            toml::Value::Float(x) if !is_path && x.is_finite() => Some(format!("--{key}={x}")),
+            _ => None,
+        };
+        let words: Option<Vec<String>> = match value {
+            toml::Value::Array(items) => items.iter().map(word).collect(),
+            one => word(one).map(|w| vec![w]),
+        };
+        // The command line's own judgement; what else the command needs is not here.
+        let judged = words.map(|words| {
+            let line =
+                commands.iter().map(|c| c.get_name()).chain(words.iter().map(String::as_str));
+            (self.program.clone().try_get_matches_from(line).err(), words)
+        });
+        let needs_more = |e: &clap::Error| {
+            use clap::error::ErrorKind::{
+                DisplayHelpOnMissingArgumentOrSubcommand, MissingRequiredArgument,
+                MissingSubcommand,
+            };
+            matches!(
+                e.kind(),
+                MissingRequiredArgument
+                    | MissingSubcommand
+                    | DisplayHelpOnMissingArgumentOrSubcommand
+            )
+        };
+        match judged {
+            Some((error, words)) if error.as_ref().is_none_or(needs_more) => Ok((option, words)),
+            other => {
+                let fix = expected(&option, is_path, other.and_then(|o| o.0));
+                wrong(format!("cannot be {value}"), fix)
             }
         }
     }
-    let after = match place
-        .or_else(|| words.iter().skip(1).position(|w| names.contains(&w.as_str())).map(|i| i + 1))
-    {
-        Some(i) => i + 1,
-        None => return Ok(given), // --help, --version or a misspelt command
-    };
-    let mut all = given;
-    all.splice(after..after, defaults.into_iter().map(OsString::from));
-    Ok(all)
 }
 
-fn is_given(words: &[String], option: &str) -> bool {
-    let flag = format!("--{option}");
-    words
-        .iter()
-        .any(|w| *w == flag || w.strip_prefix(&flag).is_some_and(|rest| rest.starts_with('=')))
-}
-
-/// `--option=value`; lists repeat the option, `true` is the bare flag.
-fn option_words(
-    path: &std::path::Path,
-    command: &clap::Command,
-    option: &str,
-    value: &toml::Value,
-) -> Result<Vec<String>> {
-    let wrong = |reason: &str, fix: &str| Err(Error::field(path, None, option, reason, fix));
-    let program = Cli::command();
-    let of = |c: &clap::Command| c.get_arguments().find(|a| a.get_long() == Some(option)).cloned();
-    let Some(known) = of(command).or_else(|| of(&program)) else {
-        let long = |c: &clap::Command| -> Vec<String> {
-            c.get_arguments().filter_map(|a| a.get_long().map(str::to_owned)).collect()
-        };
-        let fix = match nearest(&option.replace('_', "-"), [long(command), long(&program)].concat())
-        {
-            Some(name) => format!("did you mean '{name}'?"),
-            None => "correct the key; options are written without the dashes before them".into(),
-        };
-        return wrong(&format!("'{}' has no option --{option}", command.get_name()), &fix);
-    };
-    let takes_value = known.get_action().takes_values();
-    let word = |value: &toml::Value| match value {
-        toml::Value::String(text) => Some(format!("--{option}={text}")),
-        toml::Value::Integer(i) => Some(format!("--{option}={i}")),
-        toml::Value::Float(x) => Some(format!("--{option}={x}")),
-        _ => None,
-    };
-    let words = match value {
-        toml::Value::Boolean(on) if !takes_value => {
-            return Ok(if *on { vec![format!("--{option}")] } else { Vec::new() });
-        }
-        toml::Value::Array(items) => items.iter().map(word).collect(),
-        one => word(one).map(|w| vec![w]),
-    };
-    match words.filter(|_| takes_value) {
-        Some(words) => Ok(words),
-        None => wrong("cannot have this value", "give what the command line takes"),
+/// What an option takes, in words.
+fn expected(option: &clap::Arg, is_path: bool, error: Option<clap::Error>) -> String {
+    let of = option.get_value_parser().type_id();
+    let choices: Vec<String> =
+        option.get_possible_values().iter().map(|v| v.get_name().to_owned()).collect();
+    if error.as_ref().is_some_and(|e| e.kind() == clap::error::ErrorKind::ArgumentConflict) {
+        return "give one value, not a list".into();
     }
+    if !choices.is_empty() {
+        return format!("give one of: {}", choices.join(", "));
+    }
+    if is_path {
+        return "give the name of a file or folder in quotes".into();
+    }
+    if of == TypeId::of::<f64>() {
+        return "give a number".into();
+    }
+    if [TypeId::of::<usize>(), TypeId::of::<u32>(), TypeId::of::<u64>()].iter().any(|t| of == *t) {
+        return "give a whole number, not negative".into();
+    }
+    let reason = error.as_ref().and_then(std::error::Error::source).map(ToString::to_string);
+    reason.unwrap_or_else(|| {
+        let help = option.get_help().map(ToString::to_string).unwrap_or_default();
+        format!("give what the command line takes: {help}")
+    })
+}
+
+/// Whether the command line has the option, by its long name or its letter.
+fn is_given(words: &[String], option: &clap::Arg) -> bool {
+    let flag = format!("--{}", option.get_long().unwrap_or_default());
+    let letter = |w: &str| {
+        let letters = w.strip_prefix('-').filter(|l| l.chars().all(char::is_alphabetic));
+        option.get_short().zip(letters).is_some_and(|(short, letters)| letters.contains(short))
+    };
+    words.iter().any(|w| {
+        letter(w) || *w == flag || w.strip_prefix(&flag).is_some_and(|rest| rest.starts_with('='))
+    })
 }
 
 /// What an environment variable names; an empty one is as none.

@@ -80,7 +80,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let reason = format!("{until} is not after --since {since}");
         return Err(Error::option("--until", reason, "exchange them"));
     }
-    let records = Store::open_existing(path)?.read(&Filter {
+    let store = Store::open_existing(path)?;
+    let records = store.read(&Filter {
         command: args.command.clone(),
         input: args.input.clone(),
         verdict: args.verdict.clone(),
@@ -88,10 +89,19 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         until: args.until.clone(),
         last: args.last,
     })?;
+    let mut warnings = Vec::new();
+    if records.is_empty() {
+        let held: Vec<String> =
+            store.commands()?.iter().map(|(command, n)| format!("{command} {n}")).collect();
+        if !held.is_empty() {
+            warnings.push(format!("none of the records fits; the file holds: {}", held.join(", ")));
+        }
+    }
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     let rows = rows(&records);
     if args.action == Action::Export {
         let document = Document {
-            json: result("history", path, &[], &Output { drift: Vec::new(), records }),
+            json: result("history", path, &warnings, &Output { drift: Vec::new(), records }),
             rows,
             table: String::new(),
         };
@@ -100,7 +110,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let series = drift::series(&records);
     let drifts: Vec<_> = series.iter().flat_map(drift::Series::drift).collect();
-    let warnings: Vec<String> = drifts.iter().map(|d| format!("drift: {}", d.text)).collect();
+    warnings.extend(drifts.iter().map(|d| format!("drift: {}", d.text)));
     if let Some(folder) = &args.plot {
         global.write_into(folder, "history.svg", drift::figure(&series).to_svg().as_bytes())?;
     }
@@ -119,9 +129,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             values(record)
         );
     }
-    warnings.iter().for_each(|w| {
-        let _ = writeln!(text, "warning: {w}");
-    });
+    for drift in &output.drift {
+        let _ = writeln!(text, "warning: drift: {}", drift.text);
+    }
     Ok(Outcome::good(Document { json, rows, table: text }))
 }
 

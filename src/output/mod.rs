@@ -50,7 +50,7 @@ impl Document {
 }
 
 fn with_newline(mut text: String) -> String {
-    if !text.ends_with('\n') {
+    if !text.is_empty() && !text.ends_with('\n') {
         text.push('\n');
     }
     text

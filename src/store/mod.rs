@@ -12,7 +12,7 @@ use rusqlite::{Connection, Row, TransactionBehavior, params};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, missing};
 use crate::output::check_writable;
 
 /// Steps from each version of the file to the next; `PRAGMA user_version` counts the steps taken.
@@ -103,11 +103,9 @@ impl Store {
         let path = path.as_ref();
         // An empty file is none yet; reading is no reason to make one.
         if !path.is_file() || path.metadata().is_ok_and(|m| m.len() == 0) {
-            return Err(Error::file(
-                path,
-                "there are no records",
-                "measure with --records FILE first, or correct the path",
-            ));
+            let fix = if path.exists() { "correct the path".into() } else { missing(path) };
+            let fix = format!("measure with --records FILE first, or: {fix}");
+            return Err(Error::file(path, "there are no records", fix));
         }
         Self::connect(path)
     }
@@ -183,6 +181,15 @@ impl Store {
         }
         transaction.commit().map_err(failed)?;
         Ok(new)
+    }
+
+    /// How many records there are of each command.
+    pub fn commands(&self) -> Result<Vec<(String, usize)>> {
+        let failed = |e| sqlite(&self.path, e);
+        let text = "SELECT command, count(*) FROM records GROUP BY command ORDER BY command";
+        let mut query = self.connection.prepare(text).map_err(failed)?;
+        let rows = query.query_map([], |r| Ok((r.get(0)?, r.get::<_, u32>(1)? as usize)));
+        rows.map_err(failed)?.collect::<rusqlite::Result<_>>().map_err(failed)
     }
 
     /// Reads records, oldest first.
