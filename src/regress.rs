@@ -1,7 +1,8 @@
 //! Regression of pictures with expected results: a folder a case, run as a user would run it.
 //!
 //! A case folder holds `case.toml` (`args`, as on the command line after `pivotsight`, run in the case's folder;
-//! optionally `exit_code`) and `expected.csv` (`key,value,tolerance`; words have no tolerance).
+//! optionally `exit_code`) and `expected.csv` (`key,value,tolerance`; words have no tolerance), which a case with exit code 2 can
+//! do without.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -17,6 +18,10 @@ use crate::tomlfile;
 
 /// The file of expected values in a case's folder.
 const EXPECTED: &str = "expected.csv";
+/// What a case runs.
+const CASE: &str = "case.toml";
+/// What a case must leave to the program that compares.
+const OWN: [&str; 3] = ["--format", "--quiet", "-q"];
 /// Names no file, which turns the user's defaults off.
 const NO_DEFAULTS: &str = "none";
 /// Set where a case runs: one that runs cases would never end.
@@ -69,12 +74,12 @@ pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
         return Err(Error::file(folder, "a case cannot run cases", "correct its case.toml"));
     }
     let mut folders = Vec::new();
-    if folder.join("case.toml").is_file() {
+    if folder.join(CASE).is_file() {
         folders.push(folder.to_owned());
     } else {
         for entry in std::fs::read_dir(folder).map_err(|e| Error::io(folder, "read", e))? {
             let entry = entry.map_err(|e| Error::io(folder, "read", e))?.path();
-            if entry.join("case.toml").is_file() {
+            if entry.join(CASE).is_file() {
                 folders.push(entry);
             }
         }
@@ -90,6 +95,11 @@ pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
     folders.par_iter().map(|case| one(case, program)).collect()
 }
 
+/// The files that say what is run and expected.
+pub fn files(cases: &[Case]) -> impl Iterator<Item = PathBuf> {
+    cases.iter().flat_map(|case| [CASE, EXPECTED].map(|name| case.folder.join(name)))
+}
+
 /// Takes what came as expected, where it no longer holds. Keys the results do not have stay as they are.
 pub fn update(cases: &[Case]) -> Result<()> {
     for case in cases {
@@ -101,8 +111,17 @@ pub fn update(cases: &[Case]) -> Result<()> {
 }
 
 fn one(folder: &Path, program: &Path) -> Result<Case> {
-    let case: CaseFile = tomlfile::read(folder.join("case.toml"))?;
-    let expected = expected(&folder.join(EXPECTED))?;
+    let file = folder.join(CASE);
+    let case: CaseFile = tomlfile::read(&file)?;
+    let own = |arg: &&String| OWN.iter().any(|o| arg.split('=').next() == Some(o));
+    if let Some(arg) = case.args.iter().find(own) {
+        let fix = "leave it out: a case prints its result as JSON, and that is compared";
+        return Err(Error::field(file, None, "args", format!("has {arg}"), fix));
+    }
+    // Where nothing is measured there is nothing to hold but the exit code.
+    let path = folder.join(EXPECTED);
+    let refuses = case.exit_code == 2 && !path.exists();
+    let expected = if refuses { Vec::new() } else { expected(&path)? };
     let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
     // Case files must mean the same on every machine: no defaults of the user's.
     let output = Command::new(program)
@@ -125,6 +144,10 @@ fn one(folder: &Path, program: &Path) -> Result<Case> {
     let result: Value = match serde_json::from_slice(&output.stdout) {
         Ok(result) => result,
         Err(_) if expected.is_empty() => Value::Null,
+        Err(_) if output.stdout.is_empty() => {
+            let text = "nothing was printed to compare (with --out a result goes to its file)";
+            return ended(false, Some(text.into()), Vec::new());
+        }
         Err(e) => {
             let text = format!("the result is not JSON ({e})");
             return ended(false, Some(text), Vec::new());

@@ -90,6 +90,8 @@ fn records_are_kept_listed_exported_and_drift_is_told() {
         ok(dir, &["history", "--records", "r.sqlite", "--since", "2100-01-01"])
             .contains("0 records")
     );
+    let empty = ["history", "export", "--records", "r.sqlite", "--input", "zzz"];
+    assert_eq!(ok(dir, &empty) + &ok(dir, &[&empty[..], &["--format", "csv"]].concat()), "");
     let output = run(dir, &["history", "--records", "r.sqlite", "--command", "slove"]);
     let said = String::from_utf8_lossy(&output.stderr).into_owned();
     assert!(output.status.success() && said.contains("the file holds: solve 5"), "{said}");
@@ -162,6 +164,8 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     assert!(std::fs::read_to_string(dir.join("junit.xml")).unwrap().contains("failures=\"1\""));
     ok(dir, &["regress", "cases", "--update"]);
     ok(dir, &["regress", "cases"]);
+    let junit = ["regress", "cases", "--junit", "cases/one/expected.csv"];
+    refused(dir, &junit, "--junit: ");
     refused(dir, &["regress", "plots"], "plots: cannot read");
     std::fs::rename(&expected, dir.join("e.csv")).unwrap();
     refused(dir, &["regress", "cases"], "the table of expected values is missing");
@@ -170,6 +174,14 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
     std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,-1e-6\n").unwrap();
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'tolerance': is negative");
+    // What is refused has no values to expect.
+    let refusal = dir.join("refusal");
+    std::fs::create_dir(&refusal).unwrap();
+    let toml = |args: &str| std::fs::write(refusal.join("case.toml"), args).unwrap();
+    toml("args = [\"solve\", \"none.toml\"]\nexit_code = 2\n");
+    assert!(ok(dir, &["regress", "refusal"]).contains("ok   refusal"));
+    toml("args = [\"solve\", \"none.toml\", \"--format=csv\"]\nexit_code = 2\n");
+    refused(dir, &["regress", "refusal"], "case.toml: args: has --format=csv");
     // A case that runs the cases it is one of would never end.
     std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,1e-6\n").unwrap();
     std::fs::write(case.join("case.toml"), "args = [\"regress\", \"..\"]\n").unwrap();

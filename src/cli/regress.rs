@@ -35,6 +35,7 @@ pub struct Output {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let program = std::env::current_exe().map_err(|e| Error::io("pivotsight", "find", e))?;
     let cases = regress::run(&args.folder, &program)?;
+    global.reads(&args.folder, regress::files(&cases))?;
     if args.update {
         // The difference is shown before anything is overwritten.
         global.say(text(&cases).trim_end());

@@ -58,6 +58,9 @@ fn with_newline(mut text: String) -> String {
 
 /// Rows as CSV: nested keys joined with `.`, list items by number; a column wherever any row has it.
 fn csv_text(rows: &[Value]) -> String {
+    if rows.is_empty() {
+        return String::new();
+    }
     let flat: Vec<Vec<(String, &Value)>> = rows.iter().map(flatten).collect();
     let mut names: Vec<&str> = Vec::new();
     let mut seen = std::collections::HashSet::new();
