@@ -8,7 +8,7 @@ pub mod drift;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use rusqlite::{Connection, Row, TransactionBehavior, params};
+use rusqlite::{Connection, OpenFlags, Row, TransactionBehavior, params};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
@@ -107,7 +107,19 @@ impl Store {
             let fix = format!("measure with --records FILE first, or: {fix}");
             return Err(Error::file(path, "there are no records", fix));
         }
-        Self::connect(path)
+        // One of today's format is only read: it may be write-protected.
+        match Self::to_read(path) {
+            Ok(Some(store)) => Ok(store),
+            _ => Self::connect(path),
+        }
+    }
+
+    fn to_read(path: &Path) -> rusqlite::Result<Option<Self>> {
+        let connection = Connection::open_with_flags(path, OpenFlags::SQLITE_OPEN_READ_ONLY)?;
+        connection.busy_timeout(Duration::from_secs(10))?;
+        let version: u32 = connection.pragma_query_value(None, "user_version", |r| r.get(0))?;
+        let current = version as usize == MIGRATIONS.len();
+        Ok(current.then(|| Self { path: path.to_owned(), connection }))
     }
 
     fn connect(path: &Path) -> Result<Self> {
@@ -245,6 +257,9 @@ fn sqlite(path: &Path, error: rusqlite::Error) -> Error {
         Some(rusqlite::ErrorCode::NotADatabase) => "give a file made by --records",
         Some(rusqlite::ErrorCode::DatabaseCorrupt) => {
             "its end is missing or it was overwritten: fetch a copy of it, or begin a new file"
+        }
+        Some(rusqlite::ErrorCode::ReadOnly | rusqlite::ErrorCode::CannotOpen) => {
+            "ask for the rights to it and its folder, or give another name"
         }
         Some(rusqlite::ErrorCode::DatabaseBusy) => "another program holds it; try again",
         _ => "check the folder and the free space",
