@@ -149,6 +149,47 @@ fn thermal_axes_differ_and_the_room_moves_one_of_them() {
     }
 }
 
+/// What no effect of the library does, on one axis of two: a support that gives way, a knock. Neither gets a name, both a place.
+#[test]
+fn what_one_axis_does_alone_gets_no_name_but_its_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let given_way = |_: f64, place: f64| (-0.5 * ((place - 200.0) / 60.0).powi(2)).exp();
+    let knocked = |t: f64, _: f64| f64::from(u8::from(t > 8000.0));
+    let unknown: [(&str, &dyn Fn(f64, f64) -> f64); 2] =
+        [("position_mm", &given_way), ("t_s", &knocked)];
+    for (versus, hidden) in unknown {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+        for k in 0..24 {
+            for (axis, slope, travel) in [("X", 1e-5, 600.0), ("Y", 8e-6, 450.0)] {
+                for step in 0..9 {
+                    let t = 600.0 * f64::from(k) + 10.0 * f64::from(step);
+                    let head = 8.0 * (1.0 - (-t / 3000.0).exp());
+                    let screw = 6.0 * (1.0 - (-t / 5000.0).exp());
+                    let place = travel * f64::from(step) / 8.0;
+                    let own = if axis == "Y" { 0.004 * hidden(t, place) } else { 0.0 };
+                    let error = 0.003 * head + slope * screw * place + own + 0.001 * normal();
+                    let (screw, head) = (screw + 21.0, head + 21.0);
+                    writeln!(csv, "{t},{axis},{place},{error:.6},{screw:.3},{head:.3}").unwrap();
+                }
+            }
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let report = diagnose("thermal", folder);
+        assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
+        assert_eq!(report["unnamed"][0]["output"], "error_mm on Y", "{}", report["unnamed"]);
+        assert_eq!(report["unnamed"][0]["versus"], versus, "{}", report["unnamed"]);
+        let data = ["diagnose", "thermal", "--data", "data.csv", "--format", "json", "--model"];
+        let write = ["machine.toml", "--write-model", "found.toml"];
+        assert!(run(&[&data[..], &write].concat(), folder).status.success());
+        let again = run(&[&data[..], &["found.toml"]].concat(), folder);
+        let again: Value = serde_json::from_slice(&again.stdout).unwrap();
+        assert_eq!(again["verdict"], "consistent", "{}", again["unnamed"]);
+    }
+}
+
 /// Three readings that slipped by ten standard deviations are set aside and listed: nothing is missing.
 #[test]
 fn slipped_readings_are_no_effect() {

@@ -1,7 +1,7 @@
-//! Smooth functions of one variable, of which shapes over one and two variables are made.
+//! Smooth functions of one variable, of which shapes over one and two variables are made, and its distinct values and ranges of them.
 
 use crate::diagnose::experiment::Variable;
-use crate::diagnose::generic::{DEGREES, distinct, range};
+use crate::diagnose::generic::{DEGREES, range};
 
 /// Highest harmonic of a surface round a turn.
 const SURFACE_HARMONICS: u32 = 3;
@@ -72,4 +72,24 @@ pub fn legendre(degree: u32, x: f64) -> f64 {
         (a, b) = (b, ((2.0 * k + 1.0) * x * b - k * a) / (k + 1.0));
     }
     b
+}
+
+/// The distinct values of a variable, rising.
+pub(super) fn distinct(values: &[f64]) -> Vec<f64> {
+    let mut distinct = values.to_vec();
+    distinct.sort_by(f64::total_cmp);
+    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
+    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
+    distinct
+}
+
+/// Upper edges of ranges that hold about as many distinct values each.
+pub(super) fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
+    let distinct = distinct(values);
+    (1..count)
+        .map(|k| {
+            let i = (k * distinct.len() / count).clamp(1, distinct.len() - 1);
+            0.5 * (distinct[i - 1] + distinct[i])
+        })
+        .collect()
 }

@@ -8,7 +8,7 @@ use crate::diagnose::select::Selection;
 /// A rival must be this much less likely to be ruled out, nats: odds of 10 to 1 where names show in several outputs at once, of 100 to
 /// 1 where a form that is not quite the machine's can make as much of a difference.
 fn ruled_out(fitter: &Fitter) -> f64 {
-    if fitter.experiment.layout().directions.len() > 2 { 2.3 } else { 4.6 }
+    if fitter.experiment.layout().outputs().count() > 2 { 2.3 } else { 4.6 }
 }
 
 /// A name that fits as well.

@@ -102,9 +102,23 @@ pub struct Variable {
 #[derive(Debug, Clone)]
 pub struct Direction {
     /// The output's name.
-    pub name: &'static str,
+    pub name: Cow<'static, str>,
     /// What one millimetre along it adds to each observation.
     pub factors: Vec<f64>,
+    /// Whether it is an output before it on a part of the machine alone, such as one axis.
+    pub is_part: bool,
+}
+
+impl Direction {
+    /// An output of all captures.
+    pub fn whole(name: &'static str, factors: Vec<f64>) -> Self {
+        Self { name: name.into(), factors, is_part: false }
+    }
+
+    /// Whether it sees other values than the directions before it: a machine's only axis is the whole of it.
+    pub fn is_distinct(&self) -> bool {
+        !self.is_part || self.factors.contains(&0.0)
+    }
 }
 
 /// The observations and how they hang together.
@@ -134,6 +148,11 @@ impl Layout {
     /// Number of captures.
     pub fn group_count(&self) -> usize {
         self.sites.len()
+    }
+
+    /// The outputs, each of all captures.
+    pub fn outputs(&self) -> impl Iterator<Item = &Direction> {
+        self.directions.iter().filter(|d| !d.is_part)
     }
 }
 

@@ -2,15 +2,15 @@
 
 use std::fmt::Write as _;
 
-use crate::diagnose::basis::{Basis, middle};
+use crate::diagnose::basis::{Basis, level_edges, middle};
 use crate::diagnose::experiment::Layout;
-use crate::diagnose::generic::{Shape, Term, level_edges};
+use crate::diagnose::generic::{Shape, Term};
 
 impl Term {
     /// The formula of the shape with these coefficients, in units of `unit`.
     pub fn formula(&self, layout: &Layout, values: &[f64], unit: f64) -> String {
         let variable = &layout.variables[self.variable];
-        let (x, name) = (&variable.values, variable.name);
+        let (x, name) = (&*self.seen(layout), variable.name);
         let mut sum = Sum { text: String::new(), unit };
         let own = self.own_columns(values.len());
         match self.shape {
@@ -119,7 +119,7 @@ mod tests {
             values: vec![0.0; ROWS],
             groups: (0..ROWS).collect(),
             sites: (0..ROWS).collect(),
-            directions: vec![Direction { name: "dx_mm", factors: vec![1.0; ROWS] }],
+            directions: vec![Direction::whole("dx_mm", vec![1.0; ROWS])],
             variables: vec![
                 column("b_deg", true, &|i| (i * 7.0) % 13.0 * 15.0 - 90.0),
                 column("c_deg", true, &|i| (i * 11.0) % 29.0 * 12.3),

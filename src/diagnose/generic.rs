@@ -1,10 +1,14 @@
 //! The generic dictionary: shapes in each variable that compete with the library, so that an effect outside it is
 //! called unknown and described instead of being given the nearest name.
 
+use std::borrow::Cow;
+
 use nalgebra::DMatrix;
 
-use crate::diagnose::basis::{Basis, legendre, middle, of_order, orders, smooth};
-use crate::diagnose::experiment::{Layout, Variable};
+use crate::diagnose::basis::{
+    Basis, distinct, legendre, level_edges, middle, of_order, orders, smooth,
+};
+use crate::diagnose::experiment::{Direction, Layout, Variable};
 
 /// A shape in one variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,7 +67,7 @@ const CAPTURES_TO_A_LEVEL: usize = 2;
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
     pub fn columns(&self, layout: &Layout) -> DMatrix<f64> {
-        let x = &layout.variables[self.variable].values;
+        let (x, seen) = (&layout.variables[self.variable].values, self.seen(layout));
         let along = &layout.directions[self.direction].factors;
         let column = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
             x.iter().zip(along).map(|(x, a)| if *a == 0.0 { 0.0 } else { a * f(*x) }).collect()
@@ -77,12 +81,12 @@ impl Term {
                 ]
             }
             Shape::Power(k) => {
-                let (mid, half) = middle(x);
+                let (mid, half) = middle(&seen);
                 vec![column(&|x| legendre(k, (x - mid) / half))]
             }
             Shape::Step(at) => vec![column(&|x| if x > at { 1.0 } else { 0.0 })],
             Shape::Levels(count) => {
-                let edges = level_edges(x, count);
+                let edges = level_edges(&seen, count);
                 (1..count)
                     .map(|level| {
                         column(&|x| f64::from(u8::from(edges.partition_point(|e| *e < x) == level)))
@@ -90,7 +94,7 @@ impl Term {
                     .collect()
             }
             Shape::Wave(cycles) => {
-                let (mid, half) = middle(x);
+                let (mid, half) = middle(&seen);
                 let phase = move |x: f64| std::f64::consts::PI * cycles * (x - mid) / half;
                 vec![column(&|x| phase(x).cos()), column(&|x| phase(x).sin())]
             }
@@ -126,9 +130,14 @@ impl Term {
         DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
     }
 
+    /// Values of its variable that its direction sees: on a part of the machine, that part's own.
+    pub(super) fn seen<'a>(&self, layout: &'a Layout) -> Cow<'a, [f64]> {
+        seen(&layout.directions[self.direction], &layout.variables[self.variable])
+    }
+
     /// The same shape at places (and widths) between those of the dictionary.
     pub fn around(&self, layout: &Layout) -> Vec<Self> {
-        let distinct = distinct(&layout.variables[self.variable].values);
+        let distinct = distinct(&self.seen(layout));
         let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
         let shapes: Vec<Shape> = match self.shape {
             Shape::Step(at) => {
@@ -202,7 +211,7 @@ impl Term {
 
     /// What it says, for people.
     pub fn text(&self, layout: &Layout, amplitude_mm: f64, u95_mm: f64) -> String {
-        let output = layout.directions[self.direction].name;
+        let output = &layout.directions[self.direction].name;
         let variable = layout.variables[self.variable].name;
         let size = format!("amplitude {amplitude_mm:.5} ± {u95_mm:.5} mm");
         match self.shape {
@@ -237,7 +246,8 @@ impl Term {
 /// Every term worth trying on this layout.
 pub fn dictionary(layout: &Layout) -> Vec<Term> {
     let mut terms = Vec::new();
-    for (direction, d) in layout.directions.iter().enumerate() {
+    let distinct_ones = layout.directions.iter().enumerate().filter(|(_, d)| d.is_distinct());
+    for (direction, d) in distinct_ones {
         for (variable, v) in layout.variables.iter().enumerate() {
             // A place in the frame moves the edge only along the edge's normal.
             if v.within && d.name != "radius" && !layout.random.is_empty() {
@@ -245,17 +255,21 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             }
             // A function of as many levels as captures explains whatever they scatter.
             let captures = if v.within { usize::MAX } else { layout.group_count() };
-            for shape in shapes(&v.values, v.angle) {
+            let values = seen(d, v);
+            for shape in shapes(&values, v.angle) {
                 if matches!(shape, Shape::Levels(n) if n > captures / CAPTURES_TO_A_LEVEL) {
                     continue;
                 }
                 terms.push(Term { direction, variable, shape });
             }
-            let most = distinct(&v.values).len() as f64 / VALUES_TO_A_CYCLE;
+            let most = distinct(&values).len() as f64 / VALUES_TO_A_CYCLE;
             let cycles =
                 WAVES.map(|k| 0.5 * f64::from(k)).filter(|c| !v.angle && !v.within && *c <= most);
             let waves = cycles.map(Shape::Wave);
             terms.extend(waves.map(|shape| Term { direction, variable, shape }));
+            if d.is_part {
+                continue;
+            }
             // Pairs of what is set for a whole capture.
             let later = layout.variables.iter().enumerate().skip(variable + 1);
             for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
@@ -280,19 +294,19 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
     terms
 }
 
+/// Values of a variable that a direction sees.
+fn seen<'a>(direction: &Direction, variable: &'a Variable) -> Cow<'a, [f64]> {
+    if !direction.is_part {
+        return Cow::Borrowed(&variable.values);
+    }
+    let rows = variable.values.iter().zip(&direction.factors);
+    rows.filter(|(_, f)| **f != 0.0).map(|(v, _)| *v).collect()
+}
+
 /// Whether a variable takes more than one value.
 fn varies(values: &[f64]) -> bool {
     let (low, high) = range(values);
     high > low
-}
-
-/// The distinct values of a variable, rising.
-pub(super) fn distinct(values: &[f64]) -> Vec<f64> {
-    let mut distinct = values.to_vec();
-    distinct.sort_by(f64::total_cmp);
-    let tolerance = 1e-6 * (distinct[distinct.len() - 1] - distinct[0]);
-    distinct.dedup_by(|a, b| (*a - *b).abs() <= tolerance);
-    distinct
 }
 
 /// Shapes that the distinct values of a variable can carry.
@@ -336,17 +350,6 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         }
     }
     shapes
-}
-
-/// Upper edges of ranges that hold about as many distinct values each.
-pub(super) fn level_edges(values: &[f64], count: usize) -> Vec<f64> {
-    let distinct = distinct(values);
-    (1..count)
-        .map(|k| {
-            let i = (k * distinct.len() / count).clamp(1, distinct.len() - 1);
-            0.5 * (distinct[i - 1] + distinct[i])
-        })
-        .collect()
 }
 
 /// Smallest and largest value.

@@ -50,7 +50,7 @@ pub fn left_out(report: &Report) -> Vec<String> {
 /// A shape without a name as an effect of a name that the machine does not have yet.
 fn unnamed(machine: &Machine, kind: &str, shape: &Unnamed, formula: &str) -> Effect {
     let of = format!("unnamed-{}-over-{}", shape.output, shape.versus);
-    let of = of.replace(", ", "-").replace('_', "-");
+    let of = of.replace(", ", "-").replace(['_', ' '], "-");
     let taken = |name: &String| machine.effects.iter().any(|e| e.name == *name);
     let others = (2..).map(|k| format!("{of}-{k}"));
     let name = std::iter::once(of.clone()).chain(others).find(|n| !taken(n)).unwrap_or(of.clone());

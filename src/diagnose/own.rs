@@ -315,8 +315,13 @@ fn compile(
     let mut missing = None;
     for (output, text) in &e.outputs {
         let field = format!("outputs.{output}");
-        let names: Vec<&str> = layout.directions.iter().map(|d| d.name).collect();
+        let names: Vec<&str> = layout.directions.iter().map(|d| &*d.name).collect();
         let Some(direction) = names.iter().position(|n| n == output) else {
+            let whole = output.split_once(" on ").map(|(whole, _)| whole);
+            if whole.is_some_and(|whole| names.contains(&whole)) {
+                missing = Some(format!("the data hold no {output}"));
+                continue;
+            }
             return Err((field, format!("is not an output; there are {}", names.join(", "))));
         };
         let tree = exmex::parse::<f64>(text).map_err(|e| (field.clone(), e.to_string()))?;

@@ -120,10 +120,10 @@ pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
 pub fn figure(experiment: &dyn Experiment, variable: &Variable, r: &Report) -> Figure {
     let layout = experiment.layout();
     let mut figure = Figure::new(format!("over {}", variable.name)).columns(3);
-    for d in &layout.directions {
+    for d in layout.directions.iter().filter(|d| d.is_distinct()) {
         let before = means(variable, &d.factors, &r.residuals.before_mm);
         let after = means(variable, &d.factors, &r.residuals.after_mm);
-        let panel = Panel::new(variable.name, format!("{} (µm)", d.name.trim_end_matches("_mm")))
+        let panel = Panel::new(variable.name, format!("{} (µm)", d.name.replace("_mm", "")))
             .points("before", &before)
             .points("after", &after);
         figure = figure.panel(panel);

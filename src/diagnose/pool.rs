@@ -47,9 +47,11 @@ pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
             // Of two exact aliases the one in its plain form is named first.
             (forms.len() as f64).ln() + 0.2 * switches as f64 - info.beforehand
         }
-        Who::Extra(Extra::Generic(_)) => {
+        Who::Extra(Extra::Generic(term)) => {
             let layout = fitter.experiment.layout();
-            ((layout.directions.len() * layout.variables.len()) as f64).ln()
+            let is_part = layout.directions[term.direction].is_part;
+            let alike = layout.directions.iter().filter(|d| d.is_part == is_part).count();
+            ((alike * layout.variables.len()) as f64).ln()
         }
         Who::Extra(Extra::Form { .. }) => 0.0,
     }

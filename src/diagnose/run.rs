@@ -276,7 +276,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
 fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
     const BINS: usize = 8;
     let mut found: Vec<(f64, Where)> = Vec::new();
-    for d in &layout.directions {
+    for d in layout.outputs() {
         for v in &layout.variables {
             let (low, high) = range(&v.values);
             if high <= low {
@@ -301,7 +301,7 @@ fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
                 let excess = rms_mm / f.noise.sigma_mm[0].max(1e-12);
                 found.push((
                     excess * weight.sqrt().min(5.0),
-                    Where { output: d.name.into(), versus: v.name.into(), from, to, rms_mm },
+                    Where { output: d.name.to_string(), versus: v.name.into(), from, to, rms_mm },
                 ));
             }
         }

@@ -28,13 +28,15 @@ pub struct Score {
     pub rms_mm: f64,
 }
 
-/// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is.
+/// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is; in units of the noise
+/// that the shape would leave, as what both explain is no noise.
 const AS_MUCH: f64 = 4.0;
 
 impl Score {
     /// Whether a name's score leaves a shape's nothing to say.
     pub fn explains_as_much(&self, shape: &Self) -> bool {
-        self.rank <= shape.rank && self.excess() > shape.excess() - AS_MUCH
+        let cleared = shape.cleared / shape.chi2.max(1e-12);
+        self.rank <= shape.rank && cleared * (shape.excess() - self.excess()) < AS_MUCH
     }
 
     /// χ² beyond what noise gives as many columns.

@@ -5,7 +5,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::basis::legendre;
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::Term;
+use crate::diagnose::generic::{Shape, Term};
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
@@ -21,8 +21,8 @@ const NAME_BEFOREHAND: f64 = 2.6;
 const LEAST_SHARE: f64 = 0.01;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
 const LEAST_CHI2: f64 = 30.0;
-/// Steps and bumps of the dictionary, best first, whose place is searched more finely.
-const PLACES_REFINED: usize = 4;
+/// Bumps and waves of the dictionary, the best of each in a variable and output, whose place is searched more finely.
+const PLACES_REFINED: usize = 8;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
 /// p-value of a name, by itself, that is worth a fit.
@@ -249,10 +249,23 @@ impl Selection {
             Who::Extra(Extra::Generic(t)) if t.shape.is_placed() => Some(*t),
             _ => None,
         };
+        // A step beside its place looks poorer than many a bump: between two captures no other place will do.
+        let is_sharp =
+            |t: &Term| matches!(t.shape, Shape::Step(_)) && !layout.variables[t.variable].within;
+        let mut kinds = Vec::new();
+        let mut is_new = |t: &Term| {
+            let kind = (t.direction, t.variable, std::mem::discriminant(&t.shape));
+            let new = !kinds.contains(&kind);
+            kinds.push(kind);
+            new
+        };
         let around: Vec<(Term, f64)> = scores
             .iter()
             .filter_map(|s| Some((placed(s)?, s.ln_p)))
-            .take(PLACES_REFINED)
+            .filter(|(t, _)| is_new(t))
+            .enumerate()
+            .filter(|(i, (t, _))| *i < PLACES_REFINED || is_sharp(t))
+            .map(|(_, placed)| placed)
             .flat_map(|(t, ln_p)| t.around(layout).into_iter().map(move |t| (t, ln_p)))
             .collect();
         let terms = around.iter().map(|(t, _)| (Extra::Generic(*t), t.columns(layout)));
@@ -318,7 +331,7 @@ impl Selection {
 /// three outputs a name shows in several at once, which no shape does.
 pub(super) fn library_bonus(fitter: &Fitter) -> f64 {
     let names = fitter.experiment.effects().iter().filter(|e| e.untestable.is_none()).count();
-    let outputs = fitter.experiment.layout().directions.len();
+    let outputs = fitter.experiment.layout().outputs().count();
     NAME_BEFOREHAND + (3.0 / outputs.max(1) as f64).ln().max(0.0) - (names.max(1) as f64).ln()
 }
 

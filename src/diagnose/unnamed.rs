@@ -38,7 +38,7 @@ pub fn shapes(fitter: &Fitter, s: &Selection) -> Vec<Unnamed> {
         let variance = own.map(|c| covariance[(c, c)]).fold(0.0, f64::max);
         let u95 = k95(f.noise.dof) * variance.sqrt();
         Some(Unnamed {
-            output: layout.directions[term.direction].name.into(),
+            output: layout.directions[term.direction].name.to_string(),
             versus: term.versus(layout),
             shape: term.shape_name(),
             amplitude_mm: amplitude,

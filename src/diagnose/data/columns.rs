@@ -240,14 +240,20 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
             within: false,
         });
     }
-    let directions = outputs
-        .iter()
-        .enumerate()
-        .map(|(o, name)| Direction {
-            name,
-            factors: (0..rows * k).map(|i| f64::from(u8::from(i % k == o))).collect(),
-        })
-        .collect();
+    let of_rows = |own: &dyn Fn(usize) -> bool| -> Vec<f64> {
+        (0..rows * k).map(|i| f64::from(u8::from(own(i)))).collect()
+    };
+    let outputs = outputs.iter().enumerate();
+    let mut directions: Vec<Direction> =
+        outputs.map(|(o, name)| Direction::whole(name, of_rows(&|i| i % k == o))).collect();
+    if sort.kind == "thermal" {
+        // Every axis is a machine of its own: what has no name may be one's alone.
+        directions.extend(data.series_names.iter().enumerate().map(|(axis, name)| Direction {
+            name: format!("{} on {name}", sort.outputs[0]).into(),
+            factors: of_rows(&|i| data.series[i / k] == axis),
+            is_part: true,
+        }));
+    }
     let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
     let mut keys: Vec<&[f64]> = vec![&series];
     // Time and temperature pass by; everything else makes the place.

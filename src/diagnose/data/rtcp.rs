@@ -206,9 +206,9 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
     let directions = ["dx_mm", "dy_mm", "dz_mm"]
         .into_iter()
         .enumerate()
-        .map(|(k, name)| Direction {
-            name,
-            factors: (0..3 * rows).map(|i| f64::from(u8::from(i % 3 == k))).collect(),
+        .map(|(k, name)| {
+            let factors = (0..3 * rows).map(|i| f64::from(u8::from(i % 3 == k)));
+            Direction::whole(name, factors.collect())
         })
         .collect();
     Layout {

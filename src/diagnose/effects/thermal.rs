@@ -1,6 +1,6 @@
 //! Effects in thermal data.
 //!
-//! An effect may show alike on all axes or on each axis by its own amount: every form comes in both ways.
+//! An effect may show alike on all axes, on each axis by its own amount or on one alone: every form comes in all ways.
 
 use nalgebra::Vector3;
 
@@ -16,8 +16,8 @@ type L = Library<Columns, Vector3<f64>>;
 /// A first-order lag: times, values, lag.
 type Lag = fn(&[f64], &[f64], f64) -> Column;
 
-/// Adds a form with an amount for each of the columns, and one with such amounts for each axis. `shape` is a parameter that is
-/// not linear.
+/// Adds a form with an amount for each of the columns, one with such amounts for each axis, and one of each axis alone. `shape` is a
+/// parameter that is not linear.
 fn form(
     l: &mut L,
     axes: &[String],
@@ -33,25 +33,38 @@ fn form(
     let common = amounts.iter().map(|(n, t)| Parameter::linear(n.clone(), *t)).collect();
     let alike = columns.clone();
     l.form(shaped(common), move |data, p, errors| {
-        add(errors, &alike(data, p.get(count).copied().unwrap_or(0.0)), |_| p);
+        add(errors, &alike(data, p.get(count).copied().unwrap_or(0.0)), |_| Some(p));
     });
-    if axes.len() > 1 {
-        let each = |axis: &String| {
-            let named = |(n, t): &(String, f64)| Parameter::linear(format!("{axis}_{n}"), *t);
-            amounts.iter().map(named).collect::<Vec<_>>()
-        };
-        let (all, many) = (axes.iter().flat_map(each).collect(), count * axes.len());
-        l.form(shaped(all), move |data, p, errors| {
-            let columns = columns(data, p.get(many).copied().unwrap_or(0.0));
-            add(errors, &columns, |row| &p[count * data.series[row]..]);
+    if axes.len() < 2 {
+        return;
+    }
+    let own = |axis: &String| {
+        let named = |(n, t): &(String, f64)| Parameter::linear(format!("{axis}_{n}"), *t);
+        amounts.iter().map(named).collect::<Vec<_>>()
+    };
+    for (only, axis) in axes.iter().enumerate() {
+        let columns = columns.clone();
+        l.form(shaped(own(axis)), move |data, p, errors| {
+            let columns = columns(data, p.get(count).copied().unwrap_or(0.0));
+            add(errors, &columns, |row| (data.series[row] == only).then_some(p));
         });
     }
+    let (all, many) = (axes.iter().flat_map(own).collect(), count * axes.len());
+    l.form(shaped(all), move |data, p, errors| {
+        let columns = columns(data, p.get(many).copied().unwrap_or(0.0));
+        add(errors, &columns, |row| Some(&p[count * data.series[row]..]));
+    });
 }
 
-/// Adds amounts times columns to the rows' errors.
-fn add<'a>(errors: &mut [Vector3<f64>], columns: &[Column], amounts: impl Fn(usize) -> &'a [f64]) {
+/// Adds amounts times columns to the errors of the rows that have amounts.
+fn add<'a>(
+    errors: &mut [Vector3<f64>],
+    columns: &[Column],
+    amounts: impl Fn(usize) -> Option<&'a [f64]>,
+) {
     for (row, e) in errors.iter_mut().enumerate() {
-        e.x += columns.iter().zip(amounts(row)).map(|(c, a)| c[row] * a).sum::<f64>();
+        let amounts = amounts(row).into_iter().flatten();
+        e.x += columns.iter().zip(amounts).map(|(c, a)| c[row] * a).sum::<f64>();
     }
 }
 
@@ -190,6 +203,10 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
             vec![times(&metres, &metres)]
         });
     }
+    // Where both ends have been set right.
+    form(l, axes, &[one("between_ends_mm_per_m2", 0.01)], None, |data, _| {
+        vec![times(&metres_from(data, -1.0), &metres_from(data, 1.0))]
+    });
     form(l, axes, &[one("warm_mm_per_m2_c", 0.01)], None, |data, _| {
         let metres = metres(data);
         vec![times(&rises(data), &times(&metres, &metres))]

@@ -68,9 +68,9 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     add("frame_radius_mm", (0..points).map(|i| offset(i).norm()).collect(), false, true);
     let column = |f: &dyn Fn(f64) -> f64| angles.iter().map(|a| f(*a)).collect::<Vec<f64>>();
     let directions = vec![
-        Direction { name: "x", factors: normals.iter().map(|n| n.x).collect() },
-        Direction { name: "y", factors: normals.iter().map(|n| n.y).collect() },
-        Direction { name: "radius", factors: vec![1.0; points] },
+        Direction::whole("x", normals.iter().map(|n| n.x).collect()),
+        Direction::whole("y", normals.iter().map(|n| n.y).collect()),
+        Direction::whole("radius", vec![1.0; points]),
     ];
     let wave = |k: f64| vec![column(&|a| (k * a).cos()), column(&|a| (k * a).sin())];
     let mut random = vec![wave(1.0)];
