@@ -98,6 +98,9 @@ pub struct Variable {
     pub within: bool,
 }
 
+/// Between an output and the part of the machine that it is on, in a name.
+const ON: &str = " on ";
+
 /// A way in which an unknown effect could show in the observations.
 #[derive(Debug, Clone)]
 pub struct Direction {
@@ -113,6 +116,25 @@ impl Direction {
     /// An output of all captures.
     pub fn whole(name: &'static str, factors: Vec<f64>) -> Self {
         Self { name: name.into(), factors, is_part: false }
+    }
+
+    /// The outputs of captures whose values stand side by side, capture after capture.
+    pub fn side_by_side(names: &[&'static str], captures: usize) -> Vec<Self> {
+        let of = |output: usize| -> Vec<f64> {
+            let values = 0..captures * names.len();
+            values.map(|i| f64::from(u8::from(i % names.len() == output))).collect()
+        };
+        names.iter().enumerate().map(|(output, name)| Self::whole(name, of(output))).collect()
+    }
+
+    /// An output on a part of the machine alone.
+    pub fn part(output: &str, part: &str, factors: Vec<f64>) -> Self {
+        Self { name: format!("{output}{ON}{part}").into(), factors, is_part: true }
+    }
+
+    /// The output that a name is a part of, if it is one's.
+    pub fn output_of(part: &str) -> Option<&str> {
+        part.split_once(ON).map(|(output, _)| output)
     }
 
     /// Whether it sees other values than the directions before it: a machine's only axis is the whole of it.

@@ -10,7 +10,7 @@ use serde::Deserialize;
 
 use crate::diagnose::doubts::beyond_machines;
 use crate::diagnose::experiment::{
-    Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
 use crate::error::{Error, Result};
 use crate::machine::{Effect, Machine};
@@ -317,8 +317,7 @@ fn compile(
         let field = format!("outputs.{output}");
         let names: Vec<&str> = layout.directions.iter().map(|d| &*d.name).collect();
         let Some(direction) = names.iter().position(|n| n == output) else {
-            let whole = output.split_once(" on ").map(|(whole, _)| whole);
-            if whole.is_some_and(|whole| names.contains(&whole)) {
+            if Direction::output_of(output).is_some_and(|whole| names.contains(&whole)) {
                 missing = Some(format!("the data hold no {output}"));
                 continue;
             }

@@ -21,7 +21,8 @@ const NAME_BEFOREHAND: f64 = 2.6;
 const LEAST_SHARE: f64 = 0.01;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
 const LEAST_CHI2: f64 = 30.0;
-/// Bumps and waves of the dictionary, the best of each in a variable and output, whose place is searched more finely.
+/// Steps, bumps and waves of the dictionary, the best of each in a variable and output, whose place is searched more finely; beyond
+/// these, steps between captures alone.
 const PLACES_REFINED: usize = 8;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
@@ -252,17 +253,12 @@ impl Selection {
         // A step beside its place looks poorer than many a bump: between two captures no other place will do.
         let is_sharp =
             |t: &Term| matches!(t.shape, Shape::Step(_)) && !layout.variables[t.variable].within;
-        let mut kinds = Vec::new();
-        let mut is_new = |t: &Term| {
-            let kind = (t.direction, t.variable, std::mem::discriminant(&t.shape));
-            let new = !kinds.contains(&kind);
-            kinds.push(kind);
-            new
-        };
+        let mut kinds = std::collections::HashSet::new();
+        let kind = |t: &Term| (t.direction, t.variable, std::mem::discriminant(&t.shape));
         let around: Vec<(Term, f64)> = scores
             .iter()
             .filter_map(|s| Some((placed(s)?, s.ln_p)))
-            .filter(|(t, _)| is_new(t))
+            .filter(|(t, _)| kinds.insert(kind(t)))
             .enumerate()
             .filter(|(i, (t, _))| *i < PLACES_REFINED || is_sharp(t))
             .map(|(_, placed)| placed)

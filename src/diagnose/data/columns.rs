@@ -240,19 +240,14 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
             within: false,
         });
     }
-    let of_rows = |own: &dyn Fn(usize) -> bool| -> Vec<f64> {
-        (0..rows * k).map(|i| f64::from(u8::from(own(i)))).collect()
-    };
-    let outputs = outputs.iter().enumerate();
-    let mut directions: Vec<Direction> =
-        outputs.map(|(o, name)| Direction::whole(name, of_rows(&|i| i % k == o))).collect();
+    let mut directions = Direction::side_by_side(outputs, rows);
     if sort.kind == "thermal" {
         // Every axis is a machine of its own: what has no name may be one's alone.
-        directions.extend(data.series_names.iter().enumerate().map(|(axis, name)| Direction {
-            name: format!("{} on {name}", sort.outputs[0]).into(),
-            factors: of_rows(&|i| data.series[i / k] == axis),
-            is_part: true,
-        }));
+        let on = |axis: usize| -> Vec<f64> {
+            data.series.iter().map(|s| f64::from(u8::from(*s == axis))).collect()
+        };
+        let axes = data.series_names.iter().enumerate();
+        directions.extend(axes.map(|(axis, name)| Direction::part(outputs[0], name, on(axis))));
     }
     let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
     let mut keys: Vec<&[f64]> = vec![&series];

@@ -203,14 +203,7 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
             add(name, &column, false);
         }
     }
-    let directions = ["dx_mm", "dy_mm", "dz_mm"]
-        .into_iter()
-        .enumerate()
-        .map(|(k, name)| {
-            let factors = (0..3 * rows).map(|i| f64::from(u8::from(i % 3 == k)));
-            Direction::whole(name, factors.collect())
-        })
-        .collect();
+    let directions = Direction::side_by_side(&["dx_mm", "dy_mm", "dz_mm"], rows);
     Layout {
         values: (0..3 * rows).map(|i| measured[i % 3][i / 3]).collect(),
         groups: (0..3 * rows).map(|i| i / 3).collect(),
