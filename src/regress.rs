@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, nearest};
 use crate::output::{escape, flatten, write_whole};
 use crate::table::Table;
 use crate::tomlfile;
@@ -60,6 +60,8 @@ pub struct Check {
     pub expected: String,
     /// What came; empty if the result has no such key.
     pub actual: String,
+    /// The result's key that is most like one it does not have.
+    pub likely: Option<String>,
     /// Allowed difference.
     pub tolerance: Option<f64>,
     /// Actual minus expected.
@@ -194,7 +196,12 @@ fn check(
     expected: String,
     tolerance: Option<f64>,
 ) -> Check {
-    let actual = match cells.iter().find(|(name, _)| *name == key).map(|c| c.1) {
+    let found = cells.iter().find(|(name, _)| *name == key).map(|c| c.1);
+    let likely = match found {
+        None => nearest(&key, cells.iter().map(|c| c.0.as_str())),
+        Some(_) => None,
+    };
+    let actual = match found {
         None => String::new(),
         Some(Value::String(text)) => text.clone(),
         Some(other) => other.to_string(),
@@ -207,7 +214,18 @@ fn check(
         Some(tolerance) => drift.is_some_and(|d| d.abs() <= tolerance),
         None => actual == expected,
     };
-    Check { key, expected, actual, tolerance, drift, passed }
+    Check { key, expected, actual, likely, tolerance, drift, passed }
+}
+
+impl Check {
+    /// What came, in words.
+    pub fn got(&self) -> String {
+        match (&self.likely, self.actual.is_empty()) {
+            (Some(key), true) => format!("nothing: did you mean the key '{key}'?"),
+            (None, true) => "nothing".into(),
+            _ => self.actual.clone(),
+        }
+    }
 }
 
 fn rewrite(path: &Path, checks: &[Check]) -> Result<()> {
@@ -242,7 +260,7 @@ pub fn junit(cases: &[Case]) -> String {
             .checks
             .iter()
             .filter(|c| !c.passed)
-            .map(|c| format!("{}: expected {}, got {}", c.key, c.expected, c.actual));
+            .map(|c| format!("{}: expected {}, got {}", c.key, c.expected, c.got()));
         let text = case.problem.iter().cloned().chain(wrong).collect::<Vec<_>>().join("; ");
         xml += &format!(">\n    <failure message=\"{}\"/>\n  </testcase>\n", escape(&text));
     }

@@ -174,6 +174,9 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
     std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,-1e-6\n").unwrap();
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'tolerance': is negative");
+    std::fs::write(&expected, "key,value,tolerance\nr_m,214.7,1e-6\n").unwrap();
+    let misspelt = String::from_utf8(run(dir, &["regress", "cases"]).stdout).unwrap();
+    assert!(misspelt.contains("got nothing: did you mean the key 'r_mm'?"), "{misspelt}");
     // What is refused has no values to expect.
     let refusal = dir.join("refusal");
     std::fs::create_dir(&refusal).unwrap();

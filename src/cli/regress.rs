@@ -72,8 +72,8 @@ fn text(cases: &[Case]) -> String {
                 (Some(d), Some(t)) => format!(" (drift {d:+.3e}, tolerance {t:.1e})"),
                 _ => String::new(),
             };
-            let actual = if c.actual.is_empty() { "nothing" } else { &c.actual };
-            let _ = writeln!(text, "     {}: expected {}, got {actual}{drift}", c.key, c.expected);
+            let (key, expected, got) = (&c.key, &c.expected, c.got());
+            let _ = writeln!(text, "     {key}: expected {expected}, got {got}{drift}");
         }
     }
     let failed = cases.iter().filter(|c| !c.passed).count();
