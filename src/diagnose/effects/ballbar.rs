@@ -5,7 +5,7 @@ use nalgebra::{Rotation3, Vector3};
 use crate::diagnose::data::ballbar::turned;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
-use crate::diagnose::effects::{Library, Words, lagged, words};
+use crate::diagnose::effects::{Library, Words, lagged, risen, words};
 use crate::diagnose::experiment::Parameter;
 use crate::diagnose::generic::range;
 
@@ -248,7 +248,7 @@ fn growth(l: &mut L, data: &Columns) {
         let rise = Parameter::shape("rise_s", &lags([0.1, 0.3, 0.8]));
         term(l, vec![Parameter::linear("mm", 0.01), rise], move |data, p, row| {
             let elapsed = late.get(row).copied().unwrap_or(end - start);
-            along(data, row, p[0] * (1.0 - (-elapsed / p[1].abs().max(1e-3)).exp()))
+            along(data, row, p[0] * risen(elapsed, p[1]))
         });
         return;
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
-use crate::diagnose::effects::{Library, Words};
+use crate::diagnose::effects::{Library, Words, risen};
 use crate::diagnose::experiment::Parameter;
 use crate::diagnose::generic::range;
 
@@ -135,9 +135,8 @@ pub fn library(data: &Columns) -> L {
             axes.iter().map(|a| Parameter::linear(["x_mm", "y_mm"][*a], 0.01)).collect();
         parameters.push(Parameter::shape("rise_s", &rises));
         l.form(parameters, move |data, p, errors| {
-            let rise = p[axes.len()].abs().max(1e-3);
             for (e, t) in errors.iter_mut().zip(data.get("t_s")) {
-                let size = 1.0 - (-(t - start) / rise).exp();
+                let size = risen(t - start, p[axes.len()]);
                 axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
             }
         });

@@ -198,6 +198,16 @@ impl<C, E: Clone + Default> Library<C, E> {
     }
 }
 
+/// How far what rises from 0 towards 1 has come.
+pub fn risen(since_s: f64, rise_s: f64) -> f64 {
+    1.0 - (-since_s / rise_s.abs().max(1e-3)).exp()
+}
+
+/// How far a drift has come since the start: in hours where it is steady, else in parts of where it ends.
+fn drifted(since_s: f64, rise_s: Option<f64>) -> f64 {
+    rise_s.map_or(since_s / 3600.0, |rise_s| risen(since_s, rise_s))
+}
+
 /// A first-order lag of `values` over `times_s`, starting in balance with the first value: the exact solution for values that
 /// change linearly between readings. Rows may be in any order.
 pub fn lagged(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {

@@ -2,7 +2,7 @@
 
 use crate::diagnose::data::rod::Rod;
 use crate::diagnose::effects::rod::{L, SIZE};
-use crate::diagnose::effects::{Words, lagged, words};
+use crate::diagnose::effects::{Words, drifted, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
 /// Drift with time and temperature, and the rod's growth.
@@ -34,11 +34,7 @@ pub fn time_effects(l: &mut L, data: &Rod) {
             l.form(parameters, move |data, p, errors| {
                 let start = data.start_s();
                 for (e, t) in errors.iter_mut().zip(&data.t_s) {
-                    let size = if saturating {
-                        1.0 - (-(t - start) / p[axes.len()].abs().max(1e-3)).exp()
-                    } else {
-                        (t - start) / 3600.0
-                    };
+                    let size = drifted(t - start, p.get(axes.len()).copied());
                     axes.iter().enumerate().for_each(|(k, a)| e.centre[*a] += p[k] * size);
                 }
             });

@@ -2,7 +2,7 @@
 
 use crate::diagnose::data::rtcp::Rtcp;
 use crate::diagnose::effects::rtcp::{L, length};
-use crate::diagnose::effects::{Words, lagged};
+use crate::diagnose::effects::{Words, drifted, lagged};
 use crate::diagnose::experiment::Parameter;
 
 /// Growth with temperature and drift with time.
@@ -81,11 +81,7 @@ pub fn time_effects(l: &mut L, data: &Rtcp) {
             l.form(parameters, move |data, p, errors| {
                 let start = data.start_s();
                 for (e, t) in errors.iter_mut().zip(&data.t_s) {
-                    let size = if saturating {
-                        1.0 - (-(t - start) / p[axes.len()].abs().max(1e-3)).exp()
-                    } else {
-                        (t - start) / 3600.0
-                    };
+                    let size = drifted(t - start, p.get(axes.len()).copied());
                     for (k, a) in axes.iter().enumerate() {
                         e.shift[*a] += p[k] * size;
                     }

@@ -141,8 +141,7 @@ pub fn first_gone_s(data: &Columns, gone: &[f64]) -> f64 {
 
 /// What rises from 0 at a time towards 1.
 pub fn risen(data: &Columns, from_s: f64, rise_s: f64) -> Column {
-    let rise_s = rise_s.abs().max(1e-3);
-    data.get("t_s").iter().map(|t| 1.0 - (-(t - from_s).max(0.0) / rise_s).exp()).collect()
+    data.get("t_s").iter().map(|t| super::risen((t - from_s).max(0.0), rise_s)).collect()
 }
 
 /// `count` hat functions of time between a sensor's last change and the end.
