@@ -279,3 +279,28 @@ fn a_narrow_chamfer_of_an_eccentric_rod_is_not_the_rim() {
         assert!(off_mm.abs() < 0.001, "{} mm, off by {off_mm} mm", report.diameter_mm);
     }
 }
+
+/// Turning lines go round with the rim: where one ends at it all edge points are off alike, and only the lines beside it tell by how much.
+#[test]
+fn turning_lines_at_the_rim_are_in_the_diameters_interval() {
+    const MM_PER_PX: f64 = 0.0075;
+    let (radius_px, lines_px) = (800.0, 13.0);
+    let [face, line, table] = [150.0, 5.0, 60.0];
+    let mut worst_mm = 0.0f64;
+    for phase in [0.0, 1.6, 3.1, 4.7] {
+        let (captures, frames) = eccentric(MM_PER_PX, radius_px, |from_px, _| {
+            let z = from_px.norm() - radius_px;
+            let outside = 0.5 * libm::erfc(-z / 2.0);
+            let turned = face + line * (std::f64::consts::TAU * z / lines_px + phase).sin();
+            turned + (table - turned) * outside
+        });
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let off_mm = (report.diameter_mm - 2.0 * radius_px * MM_PER_PX).abs();
+        println!("off by {off_mm} ± {} mm", report.diameter_u95_mm);
+        assert!(off_mm < 1.3 * report.diameter_u95_mm, "{off_mm} ± {}", report.diameter_u95_mm);
+        assert!(report.diameter_u95_mm < 0.004, "{}", report.diameter_u95_mm);
+        worst_mm = worst_mm.max(off_mm);
+    }
+    // They do move it.
+    assert!(worst_mm > 0.0002, "{worst_mm}");
+}
