@@ -181,12 +181,14 @@ fn blurred_radius(points: &Points) -> f64 {
     softness_px * softness_px / (2.0 * points.radius_px) * points.pixel_mm
 }
 
-/// Turning lines go round with the rim: those that end at it show in no residual. As high as the others inside it, half covered, one moves
-/// the middle level by half its height over the edge's slope. The median over the captures: a faint rim's lines look high.
+/// Turning lines go round with the rim: those that end at it show in no residual. As high as the others inside it, one that ends half covered
+/// moves what the pixels have there by half its height, and one where the edge has risen the middle between the levels by as much again:
+/// both over the edge's slope. The median over the captures: a faint rim's lines look high.
 fn turned_mm(arcs: &[Arc]) -> f64 {
     let moved = |p: &Points| {
         let softness_px = p.located.step.softness_px;
-        0.5 * p.located.uneven_inside * std::f64::consts::TAU.sqrt() * softness_px * p.pixel_mm
+        // Half of each of two, over a blurred step's slope.
+        std::f64::consts::PI.sqrt() * p.located.uneven_inside * softness_px * p.pixel_mm
     };
     median(&mut arcs.iter().map(|a| moved(&a.points)).collect::<Vec<f64>>())
 }
