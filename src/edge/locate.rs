@@ -88,8 +88,6 @@ pub struct Located {
     pub gains: [f64; 3],
     /// How far the edge would seem shifted if what fades away beside it, stronger on one side, were taken for edge.
     pub leaning_px: f64,
-    /// How uneven the common profile is inside of its edge, root mean square as a part of the step; 0 where it is a blurred step but for chance.
-    pub uneven_inside: f64,
 }
 
 /// Variance of gains and stretches that nothing holds.
@@ -251,19 +249,7 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
     let gains = quartiles(&matches, &alive);
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
-    let uneven_inside = if blurred.is_some() { 0.0 } else { template.uneven_inside(&step) };
-    Some(Located {
-        points,
-        template,
-        step,
-        noise,
-        plain,
-        textured,
-        coverage,
-        gains,
-        leaning_px,
-        uneven_inside,
-    })
+    Some(Located { points, template, step, noise, plain, textured, coverage, gains, leaning_px })
 }
 
 /// Quartiles of the gains of the sectors that show the edge.

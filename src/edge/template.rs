@@ -2,9 +2,6 @@
 
 use crate::fit::robust::scatter;
 
-/// Softnesses from its middle at which an edge has risen.
-const RISEN: f64 = 2.6;
-
 /// A profile at equally spaced distances.
 #[derive(Debug, Clone)]
 pub struct Template {
@@ -63,6 +60,8 @@ impl Template {
     /// The strongest edge near distance 0 as a step: the levels either side, where it crosses the middle between them, and its
     /// softness (standard deviation of the Gaussian with the same peak slope).
     pub fn edge(&self) -> Step {
+        /// Softnesses from its middle at which an edge has risen.
+        const RISEN: f64 = 2.6;
         /// What a tint has moved an edge by is known to this part of it (standard deviation), as is what it may have.
         const DOUBT: f64 = 0.3;
         let n = self.values.len();
@@ -122,18 +121,6 @@ impl Template {
         let rim_px = quartiles_px[1] - moved_px;
         let rim_sd_px = DOUBT * (rim_px - distance_px).hypot(perhaps_px);
         Step { distance_px, rim_px, rim_sd_px, inner, outer, softness_px, fades }
-    }
-
-    /// Root mean square by which the profile differs from its own level inside the edge, where that has ended, as a part of the step: turning
-    /// lines that all sectors share.
-    pub(super) fn uneven_inside(&self, edge: &Step) -> f64 {
-        let end_px = edge.distance_px - RISEN * edge.softness_px;
-        let nodes = (0..self.values.len()).take_while(|i| self.place_px(*i) < end_px).count();
-        let beside = &self.values[..nodes];
-        let n = nodes.max(1) as f64;
-        let mean = beside.iter().sum::<f64>() / n;
-        let variance = beside.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n;
-        variance.sqrt() / edge.contrast().abs().max(1e-300)
     }
 
     /// How the profile goes on beyond a rim that rises from node `lo` to `hi`, inside and outside of it, as parts of the rise.

@@ -4,10 +4,10 @@ use nalgebra::{DMatrix, Vector2};
 
 use super::follow::Followed;
 use super::joint::{self, Arc, Axis};
+use super::turned::turned_mm;
 use super::{Capture, Measured, Options, Report, RodCenter, agreement, budget};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
-use crate::fit::robust::median;
 use crate::measure::points::Points;
 use crate::uncertainty::{K95, k95};
 
@@ -179,18 +179,6 @@ fn find_axis(
 fn blurred_radius(points: &Points) -> f64 {
     let softness_px = points.located.step.softness_px;
     softness_px * softness_px / (2.0 * points.radius_px) * points.pixel_mm
-}
-
-/// Turning lines go round with the rim: those that end at it show in no residual. As high as the others inside it, one that ends half covered
-/// moves what the pixels have there by half its height, and one where the edge has risen the middle between the levels by as much again:
-/// both over the edge's slope. The median over the captures: a faint rim's lines look high.
-fn turned_mm(arcs: &[Arc]) -> f64 {
-    let moved = |p: &Points| {
-        let softness_px = p.located.step.softness_px;
-        // Half of each of two, over a blurred step's slope.
-        std::f64::consts::PI.sqrt() * p.located.uneven_inside * softness_px * p.pixel_mm
-    };
-    median(&mut arcs.iter().map(|a| moved(&a.points)).collect::<Vec<f64>>())
 }
 
 /// Mean over the captures.

@@ -13,6 +13,7 @@ mod points;
 mod report;
 mod seek;
 mod sight;
+mod turned;
 
 pub use captures::{Capture, read as read_captures};
 pub use points::points_csv;
