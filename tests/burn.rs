@@ -241,3 +241,49 @@ fn a_spot_on_the_inner_edge_of_an_annulus_is_measured() {
         assert!(off_mm < u95_mm && u95_mm < 0.01, "{level}: off by {off_mm} ± {u95_mm}");
     }
 }
+
+/// A lamp seen in the plate is a soft bump of light, whether it clips or not: beside a burn's spot, or alone in its ring, it is none.
+#[test]
+fn a_glare_is_no_spot() {
+    let center = Vector2::new(318.3, 241.6);
+    let (offset_px, glare) = (Vector2::new(2.3, -1.4), Vector2::new(52.0, -38.0));
+    for brightness in [100.0, 160.0, 400.0] {
+        let at = |spot_px: f64| {
+            measure(&picture(|p| {
+                let d = p - center;
+                let light = brightness * (-((d - glare).norm() / 24.0).powi(2)).exp();
+                let level = match (d.norm() < 140.0, (d - offset_px).norm() < spot_px) {
+                    (_, true) => 20.0,
+                    (true, false) => BURNT,
+                    (false, false) => PLATE,
+                };
+                level + light
+            }))
+        };
+        let error = at(0.0).map(|m| m.report.spot.diameter_mm);
+        assert!(error.is_err(), "{brightness}: {error:?}");
+        let off_mm = off_mm(&at(22.0).unwrap(), offset_px);
+        assert!(off_mm < 0.001, "{brightness}: off by {off_mm}");
+    }
+}
+
+/// A lamp's soft, clipped reflection with its lens in it, and a printed target, have circles within circles.
+#[test]
+fn lamps_and_targets_are_no_burns() {
+    let center = Vector2::new(318.3, 241.6);
+    let lamp = measure(&picture(|p| {
+        let inside = |r: f64| 1.0 / (1.0 + (1.7 * r / 10.0).exp());
+        let d = (p - center).norm();
+        PLATE - 60.0 + 300.0 * inside(d - 140.0)
+            - 180.0 * inside((d - 70.0).abs() - 6.0)
+            - 200.0 * inside(d - 30.0)
+    }));
+    assert!(lamp.is_err(), "{:?}", lamp.map(|m| m.report.ring.diameter_mm));
+    let target = measure(&picture(|p| {
+        let d = p - center;
+        let line = |r: f64| (d.norm() - r).abs() < 5.0;
+        let cross = d.x.abs().min(d.y.abs()) < 4.0 && d.norm() < 190.0;
+        if line(140.0) || line(45.0) || cross { BURNT } else { PLATE }
+    }));
+    assert!(target.is_err(), "{:?}", target.map(|m| m.report.ring.diameter_mm));
+}

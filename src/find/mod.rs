@@ -5,11 +5,13 @@
 //! 3. `rays`: rays from each peak tell the radii at which most directions see an edge of the same sense.
 
 mod crests;
+mod folds;
 mod look;
 mod rays;
 mod standing;
 mod votes;
 
+pub(crate) use folds::is_folded;
 pub use look::Look;
 pub(crate) use look::blur;
 pub use standing::{Sides, stands_out};

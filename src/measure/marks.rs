@@ -10,6 +10,7 @@ use crate::frame::Frame;
 use crate::measure::bands::{self, is_as_clear, is_concentric};
 use crate::measure::concentric;
 use crate::measure::expected::{around, measure_candidate};
+use crate::measure::points::SHARP_PX;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
 use crate::measure::spot;
@@ -71,6 +72,8 @@ pub(super) fn measure(
     // Those that are none.
     let mut refused: Vec<&Candidate> = Vec::new();
     let mut rippled = false;
+    // Lamps' reflections: what is seen in them is the lamp's.
+    let mut lamps: Vec<&Candidate> = Vec::new();
     for outer in rings.iter().take(TRIES) {
         // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
         let refused_step = refused.iter().map(|r| r.step.abs()).fold(lone_step, f64::max);
@@ -80,6 +83,9 @@ pub(super) fn measure(
         if refused.iter().any(|r| is_concentric(r, outer) && outer.step.abs() < HALO * r.step.abs())
         {
             rippled = true;
+            continue;
+        }
+        if lamps.iter().any(|l| l.circle.distance(outer.circle.center) < 0.0) {
             continue;
         }
         let stands_out = |c: &Candidate, sides: Sides| {
@@ -95,6 +101,10 @@ pub(super) fn measure(
             find::stands_out(&look, c, sides, &others) == Some(true)
         };
         if !stands_out(outer, Sides::Edge) {
+            continue;
+        }
+        if find::is_folded(&look, outer) {
+            refused.push(outer);
             continue;
         }
         if is_rippled(outer, &steady) {
@@ -118,6 +128,10 @@ pub(super) fn measure(
         let mut is_lone = false;
         for (place, spots) in looks {
             let Some(ring) = measure_ring(frame, view, outer, &edges, spots[0]) else { break };
+            if is_lamp(&ring) {
+                lamps.push(outer);
+                break;
+            }
             let inside = spot::Inside { frame, view, ring: &ring, edges: &edges, place };
             let clear = spots.iter().filter(|s| stands_out(s, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
@@ -137,6 +151,12 @@ pub(super) fn measure(
             subject,
             "a ring was found, but no spot inside it that is clear enough to measure",
             "burn the spot (100 W from 1-5 mm) and photograph again, lit so that no glare covers it",
+        )
+    } else if !lamps.is_empty() {
+        Error::measure(
+            subject,
+            "the circle about the likeliest spot is soft and as bright as the camera can tell: a lamp's reflection, or a burn that is overexposed",
+            "shade the lamp or move it, and expose less",
         )
     } else if rippled {
         Error::measure(
@@ -290,6 +310,18 @@ fn second_burn<'a>(
     })
 }
 
+/// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips.
+fn is_lamp(ring: &Ring) -> bool {
+    ring.clipped_inside && ring.softness_px > SHARP_PX
+}
+
+/// Whether an arc's step drowns in what its surface does by itself: texture has such arcs.
+fn is_texture(ring: &Ring) -> bool {
+    /// Of the noise of a pixel, texture included.
+    const DROWNED: f64 = 0.4;
+    ring.arc_coverage < spot::PARTLY && ring.contrast.abs() < DROWNED * ring.noise
+}
+
 fn measure_ring(
     frame: &Frame,
     view: &View,
@@ -299,7 +331,7 @@ fn measure_ring(
 ) -> Option<Ring> {
     let mut others = edges.to_vec();
     others.push(spot);
-    let good = |ring: &Ring| is_circle(ring, view, &RING) && !is_polygon(ring);
+    let good = |ring: &Ring| is_circle(ring, view, &RING) && !is_polygon(ring) && !is_texture(ring);
     let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);

@@ -43,6 +43,12 @@ const ON_EDGE: f64 = 2.0;
 const CRATER: f64 = 0.4;
 /// As soft as this part of its radius a circle may well be a glare instead of a spot.
 const GLARE: f64 = 0.3;
+/// A glare adds a bump of light: measured it is 0.4 to 0.6 of its radius soft, clipped a sixth and more, as no light spot is. So soft, whole
+/// and clipped, what is lighter than its surroundings so far from the ring's centre (in its radii) is one.
+const BUMP_SOFT: [f64; 2] = [0.35, 0.1];
+const BUMP_FAR: f64 = 0.15;
+/// A spot whose step is so small a part of the ring's may as well be the burn's own texture: it must be whole and all the surer.
+const FAINT: f64 = 0.15;
 /// How many softnesses edges of ring and spot end apart.
 const CLEAR: f64 = 2.5;
 /// Score of what may stand for a spot that cannot be measured, as a part of that spot's.
@@ -51,11 +57,11 @@ const AS_CLEAR: f64 = 0.2;
 const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
-/// What a spot must keep to, and one that is seen in part.
+/// What a spot must keep to, and one that is seen in part or faint.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
 /// Of ring and spot one at least is seen to this part, unless ...
-const PARTLY: f64 = 0.8;
+pub(super) const PARTLY: f64 = 0.8;
 /// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
@@ -190,12 +196,19 @@ impl Inside<'_> {
     /// other circle.
     fn measure_nearby(&self, spot: &Candidate) -> Option<Ring> {
         let (rough, search) = self.search(spot);
-        NEARBY.iter().find_map(|softnesses| {
-            let found = self.look(spot, rough, search.nearby(*softnesses))?;
+        for softnesses in NEARBY {
+            let Some(found) = self.look(spot, rough, search.nearby(softnesses)) else { continue };
+            // From nearer still a glare's foot is not seen, and it seems sharp.
+            if self.is_glare(&found) {
+                return None;
+            }
             let same = (found.circle.center - rough.center).norm() < SAME.0 * rough.radius
                 && (SAME.1..SAME.2).contains(&(found.circle.radius / rough.radius));
-            (same && self.is_spot(&found, rough)).then_some(found)
-        })
+            if same && self.is_spot(&found, rough) {
+                return Some(found);
+            }
+        }
+        None
     }
 
     /// Where it is in the plane, and where its edge is looked for.
@@ -237,6 +250,14 @@ impl Inside<'_> {
             && found.contrast / self.ring.contrast > LARGE.1
     }
 
+    /// Whether what lies far out is light that the plate throws back.
+    fn is_glare(&self, found: &Ring) -> bool {
+        let ring = self.ring.circle;
+        let is_far = (found.circle.center - ring.center).norm() > BUMP_FAR * ring.radius;
+        let least = BUMP_SOFT[usize::from(found.clipped_inside)] * found.circle.radius;
+        found.contrast < 0.0 && is_far && found.softness_px * self.view.pixel_mm() > least
+    }
+
     fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
@@ -246,10 +267,14 @@ impl Inside<'_> {
         // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
         // unsure or the ring ends with it.
         let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
-        let limits = if in_part && found.form_from_texture_mm == 0.0 { &PART } else { &SPOT };
+        let is_faint = (found.contrast / self.ring.contrast).abs() < FAINT;
+        let unsure = (in_part && found.form_from_texture_mm == 0.0) || is_faint;
+        let limits = if unsure { &PART } else { &SPOT };
         is_circle(found, self.view, limits)
             && (self.place.measured.0..self.place.measured.1).contains(&size)
             && apart < 1.0
+            && !(is_faint && found.arc_coverage < WHOLE)
+            && !self.is_glare(found)
             && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
             && !is_rings_own
             && !(in_part && self.ring.arc_coverage < PARTLY)
