@@ -24,7 +24,7 @@ const HALO: f64 = 0.5;
 /// Score of a circle as a part of a clearer one's beside which it is no mark.
 const LESS_CLEAR: f64 = 0.5;
 /// So soft, as a part of its radius, the edge of what is clipped inside is a glare's: where it is broken, and where it is whole.
-const CLIPPED_SOFT: (f64, f64) = (0.1, 0.2);
+pub(super) const CLIPPED_SOFT: (f64, f64) = (0.1, 0.2);
 const WHOLE: f64 = 0.95;
 /// Radius of an annulus' inner edge as a part of the outer one's.
 const INNER: (f64, f64) = (0.5, 0.97);

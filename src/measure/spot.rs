@@ -7,7 +7,7 @@ use crate::edge::wrap;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::marks::{Limits, glow, is_circle, is_steady};
+use crate::measure::marks::{CLIPPED_SOFT, Limits, glow, is_circle, is_steady};
 use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -43,9 +43,9 @@ const ON_EDGE: f64 = 2.0;
 const CRATER: f64 = 0.4;
 /// As soft as this part of its radius a circle may well be a glare instead of a spot.
 const GLARE: f64 = 0.3;
-/// A glare adds a bump of light: measured it is 0.4 to 0.6 of its radius soft, clipped a sixth and more, as no light spot is. So soft, whole
-/// and clipped, what is lighter than its surroundings so far from the ring's centre (in its radii) is one.
-const BUMP_SOFT: [f64; 2] = [0.35, 0.1];
+/// A glare adds a bump of light: measured it is 0.4 to 0.6 of its radius soft, as no light spot is (less where it is clipped). So soft, what is
+/// lighter than its surroundings so far from the ring's centre (in its radii) is one.
+const BUMP_SOFT: f64 = 0.35;
 const BUMP_FAR: f64 = 0.15;
 /// A spot whose step is so small a part of the ring's may as well be the burn's own texture: it must be whole and all the surer.
 const FAINT: f64 = 0.15;
@@ -254,8 +254,9 @@ impl Inside<'_> {
     fn is_glare(&self, found: &Ring) -> bool {
         let ring = self.ring.circle;
         let is_far = (found.circle.center - ring.center).norm() > BUMP_FAR * ring.radius;
-        let least = BUMP_SOFT[usize::from(found.clipped_inside)] * found.circle.radius;
-        found.contrast < 0.0 && is_far && found.softness_px * self.view.pixel_mm() > least
+        let least = if found.clipped_inside { CLIPPED_SOFT.0 } else { BUMP_SOFT };
+        let softness = found.softness_px * self.view.pixel_mm() / found.circle.radius;
+        found.contrast < 0.0 && is_far && softness > least
     }
 
     fn is_spot(&self, found: &Ring, rough: Circle) -> bool {

@@ -182,6 +182,6 @@ fn blurred_radius(points: &Points) -> f64 {
 }
 
 /// Mean over the captures.
-fn mean(arcs: &[Arc], of: impl Fn(&Points) -> f64) -> f64 {
+pub(super) fn mean(arcs: &[Arc], of: impl Fn(&Points) -> f64) -> f64 {
     arcs.iter().map(|a| of(&a.points)).sum::<f64>() / arcs.len().max(1) as f64
 }

@@ -1,5 +1,6 @@
 //! Turning lines end at the rim and go round with it: no residual shows them. What all captures share inside the rim tells how high they are.
 
+use super::finish::mean;
 use super::joint::Arc;
 use crate::measure::points::Points;
 
@@ -27,8 +28,7 @@ pub(super) fn turned_mm(arcs: &[Arc]) -> f64 {
         pairs += (here.len() * here.len().saturating_sub(1)) as f64;
     }
     let height = (shared / pairs.max(1.0)).max(0.0).sqrt();
-    let softness_mm = all.iter().map(|p| softness_mm(p)).sum::<f64>() / all.len().max(1) as f64;
-    std::f64::consts::PI.sqrt() * height * softness_mm
+    std::f64::consts::PI.sqrt() * height * mean(arcs, softness_mm)
 }
 
 /// How far inside its rim a capture was looked at.
