@@ -1,11 +1,13 @@
 //! A picture (or captures) → a measurement.
 
+mod annulus;
 mod bands;
 pub mod burn;
 pub mod circles;
 mod concentric;
 pub mod cross;
 pub(crate) mod expected;
+mod limits;
 mod marks;
 pub mod offset;
 pub mod points;

@@ -7,7 +7,7 @@ use crate::edge::wrap;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::marks::{CLIPPED_SOFT, Limits, glow, is_circle, is_steady};
+use crate::measure::limits::{CLIPPED_SOFT, Limits, glow, is_steady};
 use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -271,7 +271,7 @@ impl Inside<'_> {
         let is_faint = (found.contrast / self.ring.contrast).abs() < FAINT;
         let unsure = (in_part && found.form_from_texture_mm == 0.0) || is_faint;
         let limits = if unsure { &PART } else { &SPOT };
-        is_circle(found, self.view, limits)
+        limits.are_kept(found, self.view)
             && (self.place.measured.0..self.place.measured.1).contains(&size)
             && apart < 1.0
             && !(is_faint && found.arc_coverage < WHOLE)

@@ -1,0 +1,164 @@
+//! The ring of a burn test: circles that may be it, and the one that is measured.
+
+use crate::camera::View;
+use crate::find::{Candidate, Look};
+use crate::frame::Frame;
+use crate::measure::bands::{self, is_as_clear, is_concentric};
+use crate::measure::concentric;
+use crate::measure::expected::{around, measure_candidate};
+use crate::measure::limits::{Limits, glow};
+use crate::measure::points::SHARP_PX;
+use crate::measure::polygon::is_polygon;
+use crate::measure::ring::{self, Ring};
+use crate::measure::spot;
+
+/// A halo's step as a part of that of the ring that it surrounds, at most.
+pub(super) const HALO: f64 = 0.5;
+/// Radius of an annulus' inner edge as a part of the outer one's.
+const INNER: (f64, f64) = (0.5, 0.97);
+/// What a ring must keep to.
+const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02, in_all: 0.1 };
+
+/// How much of a mark an edge is: strong, well covered, long; a burn's is as good as a sharper one's unless it is as soft as
+/// the border of a lamp's light.
+fn strength(c: &Candidate) -> f64 {
+    let radius = c.circle.radius;
+    (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / glow(c, 0.1)
+}
+
+/// Likely rings, best first; of concentric edges the outermost strong one.
+pub(super) fn candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
+    let mut list: Vec<Candidate> =
+        all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
+    list.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
+    let mut rings: Vec<Candidate> = Vec::new();
+    for c in list.iter().take(16) {
+        let shares_center = |o: &&Candidate| shares_center(o, c);
+        // A halo is much fainter than the ring it surrounds.
+        let strongest = (all.iter().filter(shares_center))
+            .filter(|o| o.step * c.step > 0.0 && o.circle.radius > 0.6 * c.circle.radius)
+            .map(|o| o.step.abs())
+            .fold(0.0, f64::max);
+        let outermost = (all.iter().filter(shares_center))
+            .filter(|o| o.circle.radius > 0.6 * c.circle.radius)
+            .filter(|o| o.step.abs() > HALO * strongest)
+            .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
+            .unwrap_or(c);
+        let known = |r: &Candidate| {
+            is_concentric(r, outermost)
+                && (r.circle.radius / outermost.circle.radius - 1.0).abs() < 0.05
+        };
+        if !rings.iter().any(known) {
+            rings.push(*outermost);
+        }
+    }
+    rings
+}
+
+/// Whether another edge has a candidate's centre, and is about as well seen.
+fn shares_center(o: &Candidate, c: &Candidate) -> bool {
+    is_concentric(o, c)
+        && (o.circle.center - c.circle.center).norm()
+            < 0.02 * c.circle.radius + c.scatter_px + o.scatter_px
+        && is_as_clear(o, c)
+}
+
+/// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
+pub(super) fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
+    /// Edges about the centre, the ring's own included, with such a part of its step.
+    const MOST: (usize, f64) = (6, 0.3);
+    /// The same beyond the ring.
+    const MOST_BEYOND: (usize, f64) = (1, 0.4);
+    let rivals = |part: f64, least_radius_px: f64| {
+        let counts = |o: &&Candidate| {
+            shares_center(o, ring)
+                && o.step.abs() > part * ring.step.abs()
+                && o.circle.radius > least_radius_px
+        };
+        all.iter().filter(counts).count()
+    };
+    rivals(MOST.1, 0.0) > MOST.0 || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
+}
+
+/// Another ring beside this one, of nearly the same standing or with a spot of its own.
+pub(super) fn second_burn<'a>(
+    look: &Look,
+    rings: &'a [Candidate],
+    first: &Candidate,
+) -> Option<&'a Candidate> {
+    /// Step of a second burn as a part of the first one's, at least.
+    const LEAST_STEP: f64 = 0.2;
+    // Both are burnt into one plate: a glare is bright where a burn is dark, the grooves of a turned plate are fainter.
+    let burnt = |r: &&Candidate| r.step / first.step > LEAST_STEP;
+    rings.iter().filter(burnt).find(|r| {
+        let apart = (r.circle.center - first.circle.center).norm();
+        let other = apart > 0.9 * (r.circle.radius + first.circle.radius)
+            && (0.6..1.7).contains(&(r.circle.radius / first.circle.radius))
+            && r.scatter_px < 2.0 * first.scatter_px + 2.0;
+        let rivals = r.score > 0.6 * first.score && r.coverage > 0.8;
+        let has_spot = || {
+            let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
+            r.score > 0.2 * first.score
+                && r.coverage > 0.7
+                && spot::candidates(look, r, &[**r], &spot::PLACES[0]).first().is_some_and(spot)
+        };
+        other && (rivals || has_spot())
+    })
+}
+
+/// Whether an arc's step drowns in what its surface does by itself: texture has such arcs.
+fn is_texture(ring: &Ring) -> bool {
+    /// Of the noise of a pixel, texture included.
+    const DROWNED: f64 = 0.4;
+    ring.arc_coverage < spot::PARTLY && ring.contrast.abs() < DROWNED * ring.noise
+}
+
+/// Measures a ring with the edges about it and its likeliest spot; `None` where it is something else.
+pub(super) fn measure(
+    frame: &Frame,
+    view: &View,
+    outer: &Candidate,
+    edges: &[Candidate],
+    spot: Candidate,
+) -> Option<Ring> {
+    let mut others = edges.to_vec();
+    others.push(spot);
+    let good = |ring: &Ring| RING.are_kept(ring, view) && !is_polygon(ring) && !is_texture(ring);
+    let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
+    let measure_inner = |c: Candidate| {
+        let (rough, mut search) = around(view, &c, &others);
+        // Inside an annulus the spot's edge may be the stronger one.
+        let clear_px = spot::clear_px(&c.circle, &spot.circle, spot.softness_px);
+        search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
+        ring::measure(frame, view, rough, search, None)
+    };
+    let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
+        let is_inner = (INNER.0..0.98).contains(&(inner.circle.radius / ring.circle.radius));
+        good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
+    });
+    let ring = match inner {
+        Some(inner) => concentric::join(ring, &inner),
+        None => ring,
+    };
+    Some(ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm()))
+}
+
+/// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.
+fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
+    edges
+        .iter()
+        .filter(|c| {
+            c.step * outer.step < 0.0
+                && (INNER.0..INNER.1).contains(&(c.circle.radius / outer.circle.radius))
+                && c.score > 0.4 * outer.score
+                && (c.circle.center - outer.circle.center).norm()
+                    < 0.02 * outer.circle.radius + c.scatter_px + outer.scatter_px
+        })
+        .max_by(|a, b| a.score.total_cmp(&b.score))
+        .copied()
+}
+
+/// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips.
+pub(super) fn is_lamp(ring: &Ring) -> bool {
+    ring.clipped_inside && ring.softness_px > SHARP_PX
+}
