@@ -47,98 +47,17 @@ impl Table {
             .flexible(true)
             .from_reader(text.as_bytes());
         let mut lines = Lines::new(text.as_bytes());
-        let header = reader.headers().map_err(|e| csv_error(path, e))?.clone();
-        let header_line = Some(lines.line_at(record_start(text.as_bytes(), 0)));
-        let mut names: Vec<String> = header.iter().map(str::to_owned).collect();
-        while names.last().is_some_and(String::is_empty) {
-            names.pop();
-        }
-        if names.is_empty() {
-            return Err(Error::file(
-                path,
-                "the file is empty",
-                format!("give it a header line with {}", required.join(",")),
-            ));
-        }
-        if let [only] = names.as_slice()
-            && let Some(separator) = only.chars().find(|c| [';', '\t', '|'].contains(c))
-        {
-            return Err(Error::field(
-                path,
-                header_line,
-                "header",
-                format!("its columns are separated by {separator:?}"),
-                "save the file with commas between columns and a point as the decimal mark",
-            ));
-        }
-        let mut index = HashMap::new();
-        for (i, name) in names.iter().enumerate() {
-            if name.is_empty() {
-                let reason = format!("its column {} has no name", i + 1);
-                let fix = "name it; one that begins with x_ is ignored";
-                return Err(Error::field(path, header_line, "header", reason, fix));
-            }
-            let known = required.iter().chain(optional).any(|k| matches(k, name));
-            if !known && !name.starts_with("x_") && !name.starts_with("x-") {
-                // Another unit is no slip of the pen: renaming the column would not turn its numbers.
-                let unit = |name: &str| name.rsplit('_').next().unwrap_or("").to_lowercase();
-                let near = nearest(name, required.iter().chain(optional).copied())
-                    .filter(|near| unit(near) == unit(name));
-                let hint = near.map_or(String::new(), |near| format!("did you mean '{near}'? "));
-                return Err(Error::field(
-                    path,
-                    header_line,
-                    format!("column '{name}'"),
-                    "is not known here",
-                    format!(
-                        "{hint}known columns: {}; begin the name with x_ to have it ignored",
-                        required.iter().chain(optional).copied().collect::<Vec<_>>().join(", ")
-                    ),
-                ));
-            }
-            if index.insert(name.clone(), i).is_some() {
-                return Err(Error::field(
-                    path,
-                    header_line,
-                    format!("column '{name}'"),
-                    "stands twice in the header",
-                    "keep one of them",
-                ));
-            }
-        }
-        if let Some(missing) = required.iter().find(|k| !names.iter().any(|n| matches(k, n))) {
-            return Err(Error::field(
-                path,
-                header_line,
-                format!("column '{missing}'"),
-                format!("is missing; the header has: {}", names.join(", ")),
-                "add the column",
-            ));
-        }
+        let record = reader.headers().map_err(|e| csv_error(path, e))?.clone();
+        let header_line = lines.line_at(record_start(text.as_bytes(), 0));
+        let header = Header { path, line: header_line, required, optional };
+        let names = header.names(&record)?;
+        let index = header.index(&names)?;
         let mut rows = Vec::new();
         for record in reader.records() {
             let mut record = record.map_err(|e| csv_error(path, e))?;
             let start = record.position().map_or(0, |p| p.byte() as usize);
             let line = lines.line_at(record_start(text.as_bytes(), start));
-            let mut filled = record.len();
-            while filled > 0 && record[filled - 1].is_empty() {
-                filled -= 1;
-            }
-            if record.len() < names.len() || filled > names.len() {
-                let fields = filled.max(record.len().min(names.len()));
-                let fix = if fields > names.len() {
-                    "leave out what is too much (a decimal comma parts a number in two: write a point)"
-                } else {
-                    "complete the row (a run killed half way leaves such a line at the end)"
-                };
-                return Err(Error::field(
-                    path,
-                    Some(line),
-                    "row",
-                    format!("has {fields} fields where the header has {}", names.len()),
-                    fix,
-                ));
-            }
+            check_length(path, line, &record, names.len())?;
             record.truncate(names.len());
             if rows.len() >= MAX_ROWS {
                 return Err(Error::file(
@@ -263,6 +182,119 @@ impl Table {
     pub fn optional_column(&self, name: &str) -> Result<Option<Vec<f64>>> {
         if self.has(name) { self.column(name).map(Some) } else { Ok(None) }
     }
+}
+
+/// The line of names, and which are known.
+struct Header<'a> {
+    path: &'a Path,
+    line: u64,
+    required: &'a [&'a str],
+    optional: &'a [&'a str],
+}
+
+impl Header<'_> {
+    fn error(
+        &self,
+        field: impl Into<String>,
+        reason: impl Into<String>,
+        fix: impl Into<String>,
+    ) -> Error {
+        Error::field(self.path, Some(self.line), field, reason, fix)
+    }
+
+    fn known(&self) -> impl Iterator<Item = &str> {
+        self.required.iter().chain(self.optional).copied()
+    }
+
+    /// The columns' names; empty ones at the end are none.
+    fn names(&self, record: &csv::StringRecord) -> Result<Vec<String>> {
+        let mut names: Vec<String> = record.iter().map(str::to_owned).collect();
+        while names.last().is_some_and(String::is_empty) {
+            names.pop();
+        }
+        if names.is_empty() {
+            return Err(Error::file(
+                self.path,
+                "the file is empty",
+                format!("give it a header line with {}", self.required.join(",")),
+            ));
+        }
+        if let [only] = names.as_slice()
+            && let Some(separator) = only.chars().find(|c| [';', '\t', '|'].contains(c))
+        {
+            return Err(self.error(
+                "header",
+                format!("its columns are separated by {separator:?}"),
+                "save the file with commas between columns and a point as the decimal mark",
+            ));
+        }
+        Ok(names)
+    }
+
+    /// Where each name stands: all are known, once, and none is missing.
+    fn index(&self, names: &[String]) -> Result<HashMap<String, usize>> {
+        let mut index = HashMap::new();
+        for (i, name) in names.iter().enumerate() {
+            if name.is_empty() {
+                let reason = format!("its column {} has no name", i + 1);
+                return Err(self.error(
+                    "header",
+                    reason,
+                    "name it; one that begins with x_ is ignored",
+                ));
+            }
+            let is_known = self.known().any(|k| matches(k, name));
+            if !is_known && !name.starts_with("x_") && !name.starts_with("x-") {
+                return Err(self.unknown(name));
+            }
+            if index.insert(name.clone(), i).is_some() {
+                let column = format!("column '{name}'");
+                return Err(self.error(column, "stands twice in the header", "keep one of them"));
+            }
+        }
+        match self.required.iter().find(|k| !names.iter().any(|n| matches(k, n))) {
+            Some(missing) => Err(self.error(
+                format!("column '{missing}'"),
+                format!("is missing; the header has: {}", names.join(", ")),
+                "add the column",
+            )),
+            None => Ok(index),
+        }
+    }
+
+    fn unknown(&self, name: &str) -> Error {
+        // Another unit is no slip of the pen: renaming the column would not turn its numbers.
+        let unit = |name: &str| name.rsplit('_').next().unwrap_or("").to_lowercase();
+        let near = nearest(name, self.known()).filter(|near| unit(near) == unit(name));
+        let hint = near.map_or(String::new(), |near| format!("did you mean '{near}'? "));
+        self.error(
+            format!("column '{name}'"),
+            "is not known here",
+            format!(
+                "{hint}known columns: {}; begin the name with x_ to have it ignored",
+                self.known().collect::<Vec<_>>().join(", ")
+            ),
+        )
+    }
+}
+
+/// Checks that a row has as many fields as there are names; empty ones may follow.
+fn check_length(path: &Path, line: u64, record: &csv::StringRecord, names: usize) -> Result<()> {
+    let mut filled = record.len();
+    while filled > 0 && record[filled - 1].is_empty() {
+        filled -= 1;
+    }
+    if record.len() >= names && filled <= names {
+        return Ok(());
+    }
+    let fields = filled.max(record.len().min(names));
+    let fix = if fields > names {
+        "leave out what is too much (a decimal comma parts a number in two: write a point)"
+    } else {
+        "complete the row (a run killed half way leaves such a line at the end)"
+    };
+    let reason = format!("has {fields} fields where the header has {names}");
+    Err(Error::field(path, Some(line), "row", reason, fix))
 }
 
 /// Whether `name` is `pattern`, where one `*` in the pattern stands for anything.

@@ -78,33 +78,7 @@ pub fn parse<'a>(
                     break;
                 }
                 let letter = c.to_ascii_uppercase() as char;
-                let start = i + 1;
-                let gap = bytes[start..].iter().take_while(|b| **b == b' ').count();
-                let length = bytes[start + gap..]
-                    .iter()
-                    .take_while(|b| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+'))
-                    .count();
-                let digits = &text[start + gap..start + gap + length];
-                let value: f64 = digits.parse().map_err(|_| {
-                    (
-                        format!("'{letter}' is not followed by a number"),
-                        "expressions and parameters cannot be moved: write plain numbers",
-                    )
-                })?;
-                i = start + gap + length;
-                // A program that writes numbers may write 1e-5; the control would read X1 and a word E.
-                if let [b'e' | b'E', b'0'..=b'9' | b'-' | b'+', ..] = bytes[i..] {
-                    return Err((
-                        format!("{letter}{digits}{}... has a power of ten", &text[i..i + 2]),
-                        "write plain numbers (and a word E after a blank)",
-                    ));
-                }
-                if i < bytes.len() && bytes[i] == b'=' {
-                    return Err((
-                        format!("sets {letter}{digits}"),
-                        "parameters cannot be moved: write plain numbers",
-                    ));
-                }
+                let (digits, value) = number(letter, text, &mut i)?;
                 if let Some(axis) = letters.iter().position(|&l| l == letter) {
                     if block.axes[axis].replace(value).is_some() {
                         return Err((format!("has {letter} twice"), "keep one of them"));
@@ -113,21 +87,7 @@ pub fn parse<'a>(
                 }
                 match letter {
                     'G' => dwell |= g_code(value, rtcp, modal, block)?,
-                    'X' | 'Y' | 'Z' | 'A' | 'B' | 'C' | 'U' | 'V' | 'W' => {
-                        return Err((
-                            format!("moves {letter}, which the machine file does not have"),
-                            "correct the machine file",
-                        ));
-                    }
-                    'I' | 'J' | 'K' | 'R' => {
-                        return Err((
-                            format!("has {letter}: arcs and cycles cannot be moved"),
-                            "post it as G1 points",
-                        ));
-                    }
-                    'L' => return Err(call("L")),
-                    'M' if value == 98.0 || value == 198.0 => return Err(call("M98")),
-                    _ => {}
+                    _ => check_letter(letter, value)?,
                 }
                 block.words.push((letter, digits));
             }
@@ -151,6 +111,56 @@ pub fn parse<'a>(
         block.moves = true;
     }
     Ok(())
+}
+
+/// The number that belongs to a letter, which stands at `at`; leads behind it.
+fn number<'a>(letter: char, text: &'a str, at: &mut usize) -> Result<(&'a str, f64), Refusal> {
+    let bytes = text.as_bytes();
+    let start = *at + 1;
+    let gap = bytes[start..].iter().take_while(|b| **b == b' ').count();
+    let length = bytes[start + gap..]
+        .iter()
+        .take_while(|b| b.is_ascii_digit() || matches!(b, b'.' | b'-' | b'+'))
+        .count();
+    let digits = &text[start + gap..start + gap + length];
+    let value: f64 = digits.parse().map_err(|_| {
+        (
+            format!("'{letter}' is not followed by a number"),
+            "expressions and parameters cannot be moved: write plain numbers",
+        )
+    })?;
+    let end = start + gap + length;
+    // A program that writes numbers may write 1e-5; the control would read X1 and a word E.
+    if let [b'e' | b'E', b'0'..=b'9' | b'-' | b'+', ..] = bytes[end..] {
+        return Err((
+            format!("{letter}{digits}{}... has a power of ten", &text[end..end + 2]),
+            "write plain numbers (and a word E after a blank)",
+        ));
+    }
+    if bytes.get(end) == Some(&b'=') {
+        return Err((
+            format!("sets {letter}{digits}"),
+            "parameters cannot be moved: write plain numbers",
+        ));
+    }
+    *at = end;
+    Ok((digits, value))
+}
+
+/// Refuses letters that move what the machine does not have, or lead where is not seen.
+fn check_letter(letter: char, value: f64) -> Result<(), Refusal> {
+    match letter {
+        'X' | 'Y' | 'Z' | 'A' | 'B' | 'C' | 'U' | 'V' | 'W' => Err((
+            format!("moves {letter}, which the machine file does not have"),
+            "correct the machine file",
+        )),
+        'I' | 'J' | 'K' | 'R' => {
+            Err((format!("has {letter}: arcs and cycles cannot be moved"), "post it as G1 points"))
+        }
+        'L' => Err(call("L")),
+        'M' if value == 98.0 || value == 198.0 => Err(call("M98")),
+        _ => Ok(()),
+    }
 }
 
 fn call(word: &str) -> Refusal {

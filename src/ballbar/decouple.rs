@@ -1,18 +1,17 @@
 //! Takes the errors behind measured lengths apart: what the paths can see, its values, and what would add the rest.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DMatrix, DVector};
 
 use super::data::Data;
 use super::model::{Bar, ERRORS, Errors, Point, to_unit};
 use super::path::{Path, Setup};
 use super::report::{Combination, Report, Term, Value};
+use super::sight::{Sight, null_space, rows, suggest};
 use super::swarm;
 use crate::error::{Error, Result};
+use crate::fit::least_squares::Solution;
 use crate::fit::{least_squares, serial};
 use crate::uncertainty::{K95, k95};
-
-/// Singular values under this part of the largest are zero: the rest of rounding and of second-order terms.
-const RANK_TOLERANCE: f64 = 1e-6;
 
 /// What is known beside the lengths.
 #[derive(Debug, Clone, Default)]
@@ -31,105 +30,79 @@ pub struct Options {
     pub swarm: swarm::Options,
 }
 
-/// What a set of points can see.
-struct Sight {
-    /// Orthonormal columns that span the nuisances.
-    nuisance: DMatrix<f64>,
-    /// Sensitivities with the nuisances taken out.
-    left: DMatrix<f64>,
-    singular_values: Vec<f64>,
-    /// Rows: visible directions of the scaled errors.
-    directions: DMatrix<f64>,
-    rank: usize,
-}
-
-impl Sight {
-    fn of(bar: &Bar, points: &[Point], options: &Options) -> Result<Self> {
-        let j = bar.sensitivity(points)?;
-        let nuisance = orthonormal(&nuisances(bar, points, options)?);
-        let left = &j - &nuisance * nuisance.tr_mul(&j);
-        let triangle = if left.nrows() > 6 { left.clone().qr().r() } else { left.clone() };
-        let svd = triangle.svd(false, true);
-        let mut order: Vec<usize> = (0..svd.singular_values.len()).collect();
-        order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
-        let largest = j.norm().max(f64::MIN_POSITIVE);
-        let rank =
-            order.iter().filter(|&&i| svd.singular_values[i] > RANK_TOLERANCE * largest).count();
-        let v_t = svd.v_t.unwrap_or_else(|| DMatrix::zeros(0, 6));
-        let per_point = (points.len() as f64).sqrt();
-        Ok(Self {
-            singular_values: order.iter().map(|&i| svd.singular_values[i] / per_point).collect(),
-            directions: DMatrix::from_fn(rank, 6, |r, c| v_t[(order[r], c)]),
-            rank,
-            nuisance,
-            left,
-        })
-    }
-
-    /// How much of an error's own direction is visible: 1 all of it, 0 nothing.
-    fn share(&self, error: usize) -> f64 {
-        self.directions.column(error).norm_squared()
-    }
-
-    fn visible(&self) -> Vec<usize> {
-        (0..6).filter(|&i| self.share(i) > 1.0 - 1e-6).collect()
-    }
-}
-
-/// Columns of what is not known beside the errors.
-fn nuisances(bar: &Bar, points: &[Point], options: &Options) -> Result<DMatrix<f64>> {
-    let paths = points.iter().map(|p| p.path + 1).max().unwrap_or(0);
-    let mut columns: Vec<DVector<f64>> = Vec::new();
-    if options.unknown_cup {
-        for path in 0..paths {
-            for axis in 0..3 {
-                let at = |step: f64| {
-                    bar.lengths(points, &[0.0; 6], |p| {
-                        (if p == path { Vector3::ith(axis, step) } else { Vector3::zeros() }, 0.0)
-                    })
-                };
-                let (up, down) = (at(0.01)?, at(-0.01)?);
-                columns.push(DVector::from_fn(points.len(), |i, _| (up[i] - down[i]) / 0.02));
-            }
-        }
-    }
-    if options.unknown_bar {
-        columns.push(DVector::from_element(points.len(), -1.0));
-    }
-    Ok(if columns.is_empty() {
-        DMatrix::zeros(points.len(), 0)
-    } else {
-        DMatrix::from_columns(&columns)
-    })
-}
-
-/// Orthonormal columns of the same span (Gram-Schmidt, twice for rounding).
-fn orthonormal(matrix: &DMatrix<f64>) -> DMatrix<f64> {
-    let mut kept: Vec<DVector<f64>> = Vec::new();
-    for column in matrix.column_iter() {
-        let mut v = column.into_owned();
-        let norm = v.norm();
-        for _ in 0..2 {
-            for k in &kept {
-                v -= k * k.dot(&v);
-            }
-        }
-        if v.norm() > 1e-7 * norm {
-            kept.push(v.normalize());
-        }
-    }
-    if kept.is_empty() { DMatrix::zeros(matrix.nrows(), 0) } else { DMatrix::from_columns(&kept) }
-}
-
 /// Least squares and swarm on what is visible.
 pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     let bar = Bar::new(&options.setup)?;
     let sight = Sight::of(&bar, &data.points, options)?;
-    let (n, rank, known) = (data.points.len(), sight.rank, sight.nuisance.ncols());
-    if n < rank + known + 3 {
+    let (n, unknowns) = (data.points.len(), sight.rank + sight.nuisance.ncols());
+    check(n, unknowns, options)?;
+    let problem = Problem { scale: bar.scale(), bar: &bar, data, sight: &sight };
+    let derivative = problem.derivative();
+    let nothing = DVector::zeros(sight.rank);
+    let solved = least_squares::solve(nothing.clone(), least_squares::Options::default(), |z| {
+        (problem.residuals(z), derivative.clone())
+    });
+    let measured = problem.residuals(&nothing);
+    let errors = problem.errors(solved.parameters.as_slice());
+    let u95 = length_u95_mm(data, options, &solved, unknowns);
+    // Half-width of the interval of any combination c of the scaled errors: cᵀ D⁺ c with D from the visible directions.
+    let u95_of = |c: &[f64; 6]| -> f64 {
+        let along = &sight.directions * DVector::from_row_slice(c);
+        let variance = (along.transpose() * &solved.covariance * &along)[(0, 0)].max(0.0);
+        u95 * variance.sqrt()
+    };
+    let visible = sight.visible();
+    let scale = problem.scale;
+    let value_of = |&i: &usize| {
+        let mut c = [0.0; 6];
+        c[i] = scale[i];
+        Value {
+            name: ERRORS[i].0.to_owned(),
+            value: to_unit(i, errors[i]),
+            unit: ERRORS[i].1.to_owned(),
+            u95: to_unit(i, u95_of(&c)),
+        }
+    };
+    let hidden: Vec<usize> = (0..6).filter(|i| !visible.contains(i)).collect();
+    let combination = |c: [f64; 6]| Combination {
+        value: (0..6).map(|i| c[i] * errors[i] / scale[i]).sum(),
+        u95: u95_of(&c),
+        unit: "mm".to_owned(),
+        terms: terms(&c, |i, c| c / to_unit(i, scale[i])),
+    };
+    let combinations = rows(&sight.directions, &hidden, &visible).into_iter().map(combination);
+    let null_direction = |c: &[f64; 6]| terms(c, |i, c| c * to_unit(i, scale[i]));
+    let by_swarm = problem.swarm(&derivative, &measured, options.swarm)?;
+    let rms = solved.residuals.norm() / ((n - unknowns) as f64).sqrt();
+    let warnings = data.warnings.iter().cloned().chain(warnings(options, rms)).collect();
+    let swarm_value =
+        |&i: &usize| Term { name: ERRORS[i].0.to_owned(), value: to_unit(i, by_swarm[i]) };
+    let place = |(p, r): (&Point, &f64)| (p.path, p.pose.b_rad.to_degrees(), -r);
+    Ok(Report {
+        rank: sight.rank,
+        swarm: visible.iter().map(swarm_value).collect(),
+        visible: visible.iter().map(value_of).collect(),
+        not_visible: hidden.iter().map(|&i| ERRORS[i].0.to_owned()).collect(),
+        combinations: combinations.collect(),
+        null_directions: null_space(&sight).iter().map(null_direction).collect(),
+        would_add: suggest(&bar, data, options, &hidden)?,
+        points: n,
+        paths: data.paths.iter().map(|(_, p)| p.name()).collect(),
+        before_rms_mm: measured.norm() / (n as f64).sqrt(),
+        after_rms_mm: solved.residuals.norm() / (n as f64).sqrt(),
+        residuals: data.points.iter().zip(solved.residuals.iter()).map(place).collect(),
+        measured: measured.iter().map(|r| -r).collect(),
+        singular_values: sight.singular_values,
+        warnings,
+    })
+}
+
+/// Checks what is asked for; `unknowns` are the visible directions and the nuisances.
+fn check(points: usize, unknowns: usize, options: &Options) -> Result<()> {
+    if points < unknowns + 3 {
         return Err(Error::measure(
             "ball bar data",
-            format!("{n} points are too few, {} are the least here", rank + known + 3),
+            format!("{points} points are too few, {} are the least here", unknowns + 3),
             "measure the whole path",
         ));
     }
@@ -140,89 +113,79 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
             "give the standard uncertainty of a length in mm",
         ));
     }
-    let scale = bar.scale();
-    let errors_of = |z: &[f64]| -> Errors {
-        std::array::from_fn(|i| {
-            scale[i] * (0..rank).map(|r| sight.directions[(r, i)] * z[r]).sum::<f64>()
-        })
-    };
-    // The exact lengths, with the nuisances' part projected out; the sensitivities at zero serve as derivative.
-    let derivative = &sight.left * sight.directions.transpose();
-    let residuals = |z: &[f64]| -> DVector<f64> {
-        let r = match bar.known(&data.points, &errors_of(z)) {
-            Ok(l) => DVector::from_fn(n, |i, _| l[i] - data.lengths_mm[i]),
+    Ok(())
+}
+
+/// Lengths of the bar, as they depend on the visible directions z of the scaled errors.
+struct Problem<'a> {
+    bar: &'a Bar,
+    data: &'a Data,
+    sight: &'a Sight,
+    scale: Errors,
+}
+
+impl Problem<'_> {
+    fn errors(&self, z: &[f64]) -> Errors {
+        let directions = &self.sight.directions;
+        let along = |i: usize| (0..z.len()).map(|r| directions[(r, i)] * z[r]).sum::<f64>();
+        std::array::from_fn(|i| self.scale[i] * along(i))
+    }
+
+    /// The exact lengths less the measured ones, with the nuisances' part projected out.
+    fn residuals(&self, z: &DVector<f64>) -> DVector<f64> {
+        let n = self.data.points.len();
+        let r = match self.bar.known(&self.data.points, &self.errors(z.as_slice())) {
+            Ok(l) => DVector::from_fn(n, |i, _| l[i] - self.data.lengths_mm[i]),
             Err(_) => DVector::from_element(n, f64::NAN),
         };
-        &r - &sight.nuisance * sight.nuisance.tr_mul(&r)
-    };
-    let solved =
-        least_squares::solve(DVector::zeros(rank), least_squares::Options::default(), |z| {
-            (residuals(z.as_slice()), derivative.clone())
-        });
-    let z = solved.parameters.as_slice();
-    let errors = errors_of(z);
+        &r - &self.sight.nuisance * self.sight.nuisance.tr_mul(&r)
+    }
 
+    /// Their derivative, for which the sensitivities without errors serve.
+    fn derivative(&self) -> DMatrix<f64> {
+        &self.sight.left * self.sight.directions.transpose()
+    }
+
+    /// The errors that a swarm finds on the same sums of squares, |R z - Qᵀ r|², in coordinates of equal weight: w = R z.
+    fn swarm(
+        &self,
+        derivative: &DMatrix<f64>,
+        measured: &DVector<f64>,
+        options: swarm::Options,
+    ) -> Result<Errors> {
+        let rank = self.sight.rank;
+        if rank == 0 {
+            return Ok(self.errors(&[]));
+        }
+        let qr = derivative.clone().qr();
+        let target = -(qr.q().transpose() * measured);
+        let bound = 2.0 * target.norm() + 1e-6;
+        let cost = |w: &[f64]| (DVector::from_row_slice(w) - &target).norm_squared();
+        let w = DVector::from_vec(swarm::minimise(rank, bound, options, cost)?);
+        let z = qr.r().solve_upper_triangular(&w);
+        Ok(z.map_or([f64::NAN; 6], |z| self.errors(z.as_slice())))
+    }
+}
+
+/// Half-width of the 95 % interval of one independent length.
+fn length_u95_mm(data: &Data, options: &Options, solved: &Solution, unknowns: usize) -> f64 {
     // Whatever order the file has them in: errors go together along the path, in time or both.
     let along: Vec<f64> = data.along_paths().iter().map(|&i| solved.residuals[i]).collect();
     let widen = [solved.residuals.as_slice(), &along]
-        .map(|r| serial::widening(r, rank + known).0)
+        .map(|r| serial::widening(r, unknowns).0)
         .into_iter()
         .fold(1.0, f64::max);
-    let rms = solved.residuals.norm() / ((n - rank - known) as f64).sqrt();
     // Of n points that repeat each other n / widen are news, and the unknowns were taken from those.
-    let news = (n as f64 / widen - (rank + known) as f64).max(1.0);
-    let (u, k) = match options.noise_mm {
-        Some(noise) => (noise * widen.sqrt(), K95),
-        None => (solved.residuals.norm() / news.sqrt(), k95(news)),
-    };
-    // Variance of any combination c of the scaled errors: cᵀ D⁺ c with D from the visible directions.
-    let variance = |c: &[f64; 6]| -> f64 {
-        let along = &sight.directions * DVector::from_row_slice(c);
-        (along.transpose() * &solved.covariance * &along)[(0, 0)].max(0.0)
-    };
-    let before = residuals(&vec![0.0; rank]).norm() / (n as f64).sqrt();
+    let news = (data.points.len() as f64 / widen - unknowns as f64).max(1.0);
+    match options.noise_mm {
+        Some(noise) => K95 * (noise * widen.sqrt()),
+        None => k95(news) * (solved.residuals.norm() / news.sqrt()),
+    }
+}
 
-    let visible = sight.visible();
-    let value = |i: usize, errors: &Errors| to_unit(i, errors[i]);
-    let values: Vec<Value> = visible
-        .iter()
-        .map(|&i| {
-            let mut c = [0.0; 6];
-            c[i] = scale[i];
-            Value {
-                name: ERRORS[i].0.to_owned(),
-                value: value(i, &errors),
-                unit: ERRORS[i].1.to_owned(),
-                u95: to_unit(i, k * u * variance(&c).sqrt()),
-            }
-        })
-        .collect();
-    let hidden: Vec<usize> = (0..6).filter(|i| !visible.contains(i)).collect();
-    let combinations = rows(&sight.directions, &hidden, &visible)
-        .into_iter()
-        .map(|c| Combination {
-            value: (0..6).map(|i| c[i] * errors[i] / scale[i]).sum(),
-            u95: k * u * variance(&c).sqrt(),
-            unit: "mm".to_owned(),
-            terms: terms(&c, |i, c| c / to_unit(i, scale[i])),
-        })
-        .collect();
-    let null_directions =
-        null_space(&sight).iter().map(|c| terms(c, |i, c| c * to_unit(i, scale[i]))).collect();
-
-    // The swarm on the same sums of squares, |R z - Qᵀ r|², in coordinates of equal weight: w = R z.
-    let found = if rank == 0 {
-        Vec::new()
-    } else {
-        let qr = derivative.clone().qr();
-        let target = -(qr.q().transpose() * residuals(&vec![0.0; rank]));
-        let bound = 2.0 * target.norm() + 1e-6;
-        let cost = |w: &[f64]| (DVector::from_row_slice(w) - &target).norm_squared();
-        let w = DVector::from_vec(swarm::minimise(rank, bound, options.swarm, cost)?);
-        qr.r().solve_upper_triangular(&w).map_or_else(Vec::new, |z| z.as_slice().to_vec())
-    };
-    let swarm_errors = if found.len() == rank { errors_of(&found) } else { [f64::NAN; 6] };
-    let mut warnings = data.warnings.clone();
+/// What a user should know; `rms_mm` is what the errors leave.
+fn warnings(options: &Options, rms_mm: f64) -> Vec<String> {
+    let mut warnings = Vec::new();
     if !options.unknown_cup || !options.unknown_bar {
         warnings.push(
             "the base cup's position and the bar's length are taken as exact where --unknown-cup and --unknown-bar do not say \
@@ -230,34 +193,10 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
                 .to_owned(),
         );
     }
-    if options.noise_mm.is_some_and(|s| rms > 3.0 * s) {
-        warnings.push(format!("the six errors leave {rms:.4} mm, more than the noise: something else is wrong (see diagnose)"));
+    if options.noise_mm.is_some_and(|s| rms_mm > 3.0 * s) {
+        warnings.push(format!("the six errors leave {rms_mm:.4} mm, more than the noise: something else is wrong (see diagnose)"));
     }
-    Ok(Report {
-        rank,
-        singular_values: sight.singular_values,
-        swarm: visible
-            .iter()
-            .map(|&i| Term { name: ERRORS[i].0.to_owned(), value: value(i, &swarm_errors) })
-            .collect(),
-        visible: values,
-        not_visible: hidden.iter().map(|&i| ERRORS[i].0.to_owned()).collect(),
-        combinations,
-        null_directions,
-        would_add: suggest(&bar, data, options, &hidden)?,
-        points: n,
-        paths: data.paths.iter().map(|(_, p)| p.name()).collect(),
-        before_rms_mm: before,
-        after_rms_mm: solved.residuals.norm() / (n as f64).sqrt(),
-        residuals: data
-            .points
-            .iter()
-            .zip(solved.residuals.iter())
-            .map(|(p, r)| (p.path, p.pose.b_rad.to_degrees(), -r))
-            .collect(),
-        measured: residuals(&vec![0.0; rank]).iter().map(|r| -r).collect(),
-        warnings,
-    })
+    warnings
 }
 
 fn terms(c: &[f64; 6], factor: impl Fn(usize, f64) -> f64) -> Vec<Term> {
@@ -265,69 +204,4 @@ fn terms(c: &[f64; 6], factor: impl Fn(usize, f64) -> f64) -> Vec<Term> {
         .filter(|&i| c[i].abs() > 1e-6)
         .map(|i| Term { name: ERRORS[i].0.to_owned(), value: factor(i, c[i]) })
         .collect()
-}
-
-/// Reduced rows of a row space on some columns; the columns to drop are known by themselves.
-fn rows(space: &DMatrix<f64>, columns: &[usize], drop: &[usize]) -> Vec<[f64; 6]> {
-    let mut m: Vec<[f64; 6]> = (0..space.nrows())
-        .map(|r| std::array::from_fn(|c| if drop.contains(&c) { 0.0 } else { space[(r, c)] }))
-        .collect();
-    let mut done = 0;
-    for &c in columns {
-        let Some(pivot) = (done..m.len()).max_by(|&a, &b| m[a][c].abs().total_cmp(&m[b][c].abs()))
-        else {
-            break;
-        };
-        if m[pivot][c].abs() < 1e-6 {
-            continue;
-        }
-        m.swap(done, pivot);
-        let lead = m[done][c];
-        m[done].iter_mut().for_each(|v| *v /= lead);
-        let row = m[done];
-        for (r, other) in m.iter_mut().enumerate() {
-            if r != done {
-                let f = other[c];
-                other.iter_mut().zip(row).for_each(|(v, w)| *v -= f * w);
-            }
-        }
-        done += 1;
-    }
-    m.truncate(done);
-    m
-}
-
-/// Directions of the scaled errors that change no length.
-fn null_space(sight: &Sight) -> Vec<[f64; 6]> {
-    let d = &sight.directions;
-    let blind = DMatrix::<f64>::identity(6, 6) - d.transpose() * d;
-    rows(&blind, &[0, 1, 2, 3, 4, 5], &[])
-}
-
-/// The path that makes most of the hidden errors visible; `None` if nothing is hidden or none helps.
-fn suggest(bar: &Bar, data: &Data, options: &Options, hidden: &[usize]) -> Result<Option<String>> {
-    let mut best: Option<(usize, f64, String)> = None;
-    let now = Sight::of(bar, &data.points, options)?;
-    let side = 0.375 * options.setup.bar_mm;
-    for name in [
-        "zb".into(),
-        format!("zbk-y{side}"),
-        "xb".into(),
-        format!("xbk-y{side}"),
-        format!("zb-y{side}"),
-    ] {
-        let path = Path::parse(&name)?;
-        let Ok(poses) = path.plan(&options.setup, 0.0, -60.0, 120) else { continue };
-        let mut points = data.points.clone();
-        points.extend(Point::of(&path, data.paths.len(), &poses));
-        let sight = Sight::of(bar, &points, options)?;
-        let gained = hidden.iter().filter(|&&i| sight.share(i) > 1.0 - 1e-6).count();
-        // Among equals, the path that shows its weakest direction best.
-        let weakest = sight.singular_values[sight.rank.saturating_sub(1)];
-        let better = best.as_ref().is_none_or(|b| gained > b.0 || (gained == b.0 && weakest > b.1));
-        if sight.rank > now.rank && better {
-            best = Some((gained, weakest, name));
-        }
-    }
-    Ok(best.map(|b| b.2))
 }

@@ -11,9 +11,10 @@ pub mod decouple;
 pub mod model;
 pub mod path;
 mod report;
-pub use report::{Combination, Report, Term, Value};
+mod sight;
 pub mod swarm;
 
 pub use data::Data;
 pub use model::{ERRORS, Errors};
 pub use path::{Kind, Path, Setup};
+pub use report::{Combination, Report, Term, Value};

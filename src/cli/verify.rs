@@ -19,7 +19,7 @@ use crate::output::Document;
 use crate::rtcp::export::Control;
 use crate::rtcp::plan;
 use crate::rtcp::sweep::{Size, Sweep, predict};
-use crate::rtcp::verify::{Options, figure, verify};
+use crate::rtcp::verify::{Options, Report, figure, verify};
 use crate::uncertainty::{Contribution, K95, Verdict, budget};
 use crate::units;
 
@@ -197,36 +197,58 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
     let mut predicted = predict(&control, &real, &machine.target_point(), &sweep.rotary_rad);
     doubts(&sweep, &measured, &mut warnings);
     if !machine.effects.is_empty() {
-        let entries = own::of_machine(machine, "rtcp");
-        let mut more = Vec::new();
-        let experiment = own::around(machine, &args.machine, entries, &mut more, |rest, more| {
-            let made = RtcpExperiment::from_table(&sweep.table, rest, more);
-            Ok(Box::new(made.map_err(|e| of_model(e, &args.machine))?))
-        })?;
-        more.retain(|w| !warnings.contains(w));
-        warnings.extend(more);
-        add_effects(experiment.as_ref(), &mut predicted);
+        add_effects_of(args, machine, &sweep, &mut predicted, &mut warnings)?;
     }
     let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let plot = args
-        .report
-        .as_ref()
-        .map(|folder| {
-            let plot = figure(&sweep, &report, report.noise_mm).to_svg();
-            global.write_into(folder, "sweep.svg", plot.as_bytes())
-        })
-        .transpose()?;
+    let draw = |folder: &PathBuf| {
+        let plot = figure(&sweep, &report).to_svg();
+        global.write_into(folder, "sweep.svg", plot.as_bytes())
+    };
+    let plot = args.report.as_ref().map(draw).transpose()?;
+    let table = table(&report, options, plot.as_deref());
+    let good = report.verdict == Verdict::Pass;
+    let compared = compared(report, &sweep, options, plot);
+    let input = json!({"machine": args.machine, "data": data, "now": args.now});
+    let json = result("verify", input, &warnings, &compared);
+    Ok(Outcome {
+        document: Some(Document { json, rows: rows(&compared.rows), table }),
+        status: if good { Status::Good } else { Status::OutOfTolerance },
+    })
+}
 
-    let list = (0..measured.len()).map(|i| Row {
+/// Adds what the machine file's effects do in a sweep to what is predicted.
+fn add_effects_of(
+    args: &Args,
+    machine: &Machine,
+    sweep: &Sweep,
+    predicted: &mut [Vector3<f64>],
+    warnings: &mut Vec<String>,
+) -> Result<()> {
+    let entries = own::of_machine(machine, "rtcp");
+    let mut more = Vec::new();
+    let experiment = own::around(machine, &args.machine, entries, &mut more, |rest, more| {
+        let made = RtcpExperiment::from_table(&sweep.table, rest, more);
+        Ok(Box::new(made.map_err(|e| of_model(e, &args.machine))?))
+    })?;
+    more.retain(|w| !warnings.contains(w));
+    warnings.extend(more);
+    add_effects(experiment.as_ref(), predicted);
+    Ok(())
+}
+
+/// The result as it is written.
+fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBuf>) -> Compared {
+    let list = (0..report.measured.len()).map(|i| Row {
         b_deg: sweep.rotary_rad[i][0].to_degrees(),
         c_deg: sweep.rotary_rad[i][1].to_degrees(),
         measured_mm: report.measured[i].into(),
         predicted_mm: report.predicted[i].into(),
         left_mm: report.rest[i].into(),
     });
-    let compared = Compared {
-        poses: measured.len(),
+    Compared {
+        poses: report.measured.len(),
+        rows: list.collect(),
         before: report.before,
         after: report.after,
         target_offset_mm: report.target_offset_mm.into(),
@@ -234,17 +256,17 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         worst_u95_mm: report.worst_u95_mm,
         noise_mm: report.noise_mm,
         noise_source: report.noise_source,
-        tolerance_mm: args.tolerance_mm,
+        tolerance_mm: options.tolerance_mm,
         verdict: report.verdict,
         budget: budget("worst_mm", [("reading of a deviation", report.worst_u95_mm / K95)]),
-        plot: plot.clone(),
-        rows: list.collect(),
-    };
-    let input = json!({"machine": args.machine, "data": data, "now": args.now});
-    let json = result("verify", input, &warnings, &compared);
+        plot,
+    }
+}
 
-    let mut table =
-        format!("{} poses          rms      x        y        z    worst, mm\n", measured.len());
+/// The same for people.
+fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
+    let poses = report.measured.len();
+    let mut table = format!("{poses} poses          rms      x        y        z    worst, mm\n");
     let mut line = |name: &str, s: &Size| {
         let [x, y, z] = s.rms_xyz_mm;
         let _ = writeln!(
@@ -267,15 +289,11 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         } else {
             "measured, limit"
         },
-        args.tolerance_mm,
+        options.tolerance_mm,
         report.verdict
     );
     if let Some(path) = plot {
         let _ = writeln!(table, "plot: {}", path.display());
     }
-    let good = report.verdict == Verdict::Pass;
-    Ok(Outcome {
-        document: Some(Document { json, rows: rows(&compared.rows), table }),
-        status: if good { Status::Good } else { Status::OutOfTolerance },
-    })
+    table
 }

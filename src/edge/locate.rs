@@ -10,15 +10,14 @@
 //! the tails' slow curve. Where nothing but pixel noise shows, all sectors share one level and one gain ([`Sectors::plain`]),
 //! which reaches the Cramer-Rao bound.
 
+use crate::edge::Profiles;
+use crate::edge::Template;
 use crate::edge::blurred::Blurred;
-use crate::edge::hidden::is_known;
-use crate::edge::levels::{Curve, median};
-use crate::edge::noise::Noise;
-use crate::edge::pool::Sectors;
-use crate::edge::sector::{Bin, Match, NO_MATCH, Prior, SHIFT, bins_of, fit_sector, join, search};
+use crate::edge::levels::median;
+use crate::edge::rounds::Rounds;
+use crate::edge::sector::Match;
 use crate::edge::shape::Shape;
 use crate::edge::template::Step;
-use crate::edge::{Profiles, Template};
 
 /// How edges are located.
 #[derive(Debug, Clone, Copy)]
@@ -90,146 +89,44 @@ pub struct Located {
     pub leaning_px: f64,
 }
 
-/// Variance of gains and stretches that nothing holds.
-const LOOSE: f64 = 0.09;
-
-/// Least standard deviation of a sector's own tail, as a part of the step.
-const LEAST_TAIL: f64 = 1e-4;
-
-/// A sector's shift that moves by less than this part of its standard deviation has been found: while the common profile still changes,
-/// and at last.
-const SETTLED: [f64; 2] = [0.5, 0.1];
-
-/// Softnesses from its middle where an edge has ended: beyond, a profile is straight over a softness.
-const ENDED: f64 = 3.5;
-
-/// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
-const LEAST_NOISE: f64 = 0.003;
-
 /// Locates the edge in every sector. `None` where too few sectors have pixels, or nothing varies.
 pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Located> {
-    let sectors: Vec<Vec<Bin>> = (0..profiles.sectors()).map(|s| bins_of(profiles, s)).collect();
-    let n = sectors.len();
-    // Whole or nearly so: the frame's border cuts some sectors short. Bins tell nothing: an edge along a row or
-    // column of pixels fills few of them, as well as any other.
-    let pixels = |bins: &Vec<Bin>| bins.iter().map(|b| b.count).sum::<f64>();
-    let all: Vec<f64> = sectors.iter().map(pixels).collect();
-    let seen: Vec<f64> = all.iter().map(|c| f64::from(u8::from(*c > 0.0))).collect();
-    let usual = median(&all, &seen);
-    let enough = |bins: &Vec<Bin>| bins.len() >= 4 && pixels(bins) >= 0.6 * usual;
-    let mut alive: Vec<f64> = sectors.iter().map(|b| f64::from(u8::from(enough(b)))).collect();
-    if alive.iter().sum::<f64>() < 6.0 {
-        return None;
-    }
-    let hidden = profiles.hidden;
-    let mut template = median_profile(profiles, &alive)?;
-    let range = spread_of(&template);
-    if range <= 0.0 {
-        return None;
-    }
-    let wide = 100.0 * range * range;
-    let far = (profiles.band.inside_px + profiles.band.outside_px).powi(2);
-    let nothing = Prior {
-        level: (0.0, wide),
-        gain: (1.0, 100.0),
-        stretch: (0.0, if hidden.is_some() { LOOSE } else { 1e-4 }),
-        shift: (0.0, 100.0 * far),
-        tail: (0.0, 1e-12 * range * range),
-    };
-    let mut priors = vec![nothing; n];
-    let mut matches: Vec<Match> = Vec::new();
-    let mut noise = Noise::white((0.05 * range).powi(2), &template);
-    let curve = Curve::new(n, closed);
-    let (mut joined, mut whitening, mut learnt) = (Vec::new(), Vec::new(), false);
+    let mut rounds = Rounds::new(profiles, closed, options)?;
+    let mut learnt = false;
     for round in 0..options.rounds {
         // Texture hides what one more round would change.
-        let last = round + 1 + usize::from(noise.is_correlated()) >= options.rounds;
-        let shape = Shape::of(&template);
-        let straight_px = shape.edge.softness_px;
-        let many = noise.joined(straight_px, template.step_px);
-        matches = (0..n)
-            .map(|s| {
-                if alive[s] == 0.0 {
-                    return NO_MATCH;
-                }
-                let (prior, band) = (priors[s], &profiles.band);
-                let start = match matches.get(s) {
-                    Some(m) if m.shift_variance.is_finite() => {
-                        let (mean, variance) = prior.shift;
-                        let astray = (m.shift - mean).powi(2) > variance;
-                        if astray { prior.at(mean) } else { m.parameters() }
-                    }
-                    _ => prior.at(search(&sectors[s], &template, profiles)),
-                };
-                let place_px = shape.edge.distance_px + start[SHIFT];
-                join(&sectors[s], place_px, ENDED * straight_px, many, &mut joined);
-                let settled = SETTLED[usize::from(last)];
-                fit_sector(&joined, &shape, prior, &noise, start, settled, band, &mut whitening)
-            })
-            .collect();
-        let misfit: Vec<f64> = matches.iter().map(|m| m.misfit).collect();
-        let typical_misfit = median(&misfit, &alive);
-        let gains: Vec<f64> = matches.iter().map(|m| m.gain).collect();
-        let typical = median(&gains, &alive);
-        for s in 0..n {
-            let m = &matches[s];
-            let good = enough(&sectors[s])
-                && m.shift_variance.is_finite()
-                && m.gain > options.least_gain * typical
-                && m.gain < 4.0 * typical
-                && m.misfit < options.worst_fit * typical_misfit;
-            // A first round only sorts out what has no edge at all.
-            let first = round == 0
-                && enough(&sectors[s])
-                && m.shift_variance.is_finite()
-                && m.gain > 0.1 * typical;
-            alive[s] = f64::from(u8::from(good || first));
-        }
-        if alive.iter().sum::<f64>() < 6.0 {
-            return None;
-        }
-        noise.learn_sizes(&shape, &sectors, &matches, &alive);
-        noise.pixel2 = noise.pixel2.max(LEAST_NOISE * LEAST_NOISE * range * range);
-        if round == 0 {
-            noise.shape2.fill(0.0);
-        } else if !last {
-            noise.learn_correlation(&shape, &sectors, &matches, &alive);
-            learnt = true;
-        }
+        let last = round + 1 + usize::from(rounds.noise.is_correlated()) >= options.rounds;
+        let shape = Shape::of(&rounds.template);
+        rounds.match_sectors(&shape, last);
+        rounds.sort_out(round)?;
+        learnt |= rounds.learn_noise(&shape, round, last);
         if last {
             break;
         }
-        update_priors(round, &mut priors, &matches, &alive, &curve, range);
-        if noise.is_correlated() && !closed {
-            // A tail of an arc's own sector would be texture, which the noise has already: only the tails' slow curve is left. Round a closed
-            // contour what fades on one side must be followed, and what texture does to both sides cancels from the centre.
-            for p in &mut priors {
-                p.tail.1 = (LEAST_TAIL * range).powi(2);
-            }
-        }
-        if hidden.is_some() {
-            // Of a flank alone gain and stretch look much alike: what a round takes for one must not hold the next.
-            for p in &mut priors {
-                (p.gain, p.stretch) = ((1.0, LOOSE), (0.0, LOOSE));
-            }
-        }
-        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
-        template = all.pool(&template, &shape, &matches).template(&template)?;
+        rounds.hold_sectors(round);
+        rounds.template = rounds.renewed(&shape)?;
     }
-    let tails: Vec<f64> = matches.iter().map(|m| m.tail).collect();
-    let (tails, _) = curve.fit(&tails, &alive);
+    Some(conclude(rounds, learnt))
+}
+
+/// What the last round tells; `learnt` where it is known whether the noise goes together.
+fn conclude(mut rounds: Rounds, learnt: bool) -> Located {
+    let of_tail: Vec<f64> = rounds.matches.iter().map(|m| m.tail).collect();
+    let (tails, _) = rounds.curve.fit(&of_tail, &rounds.alive);
     let (mut blurred, mut plain) = (None, false);
-    if learnt && !noise.is_correlated() {
-        let all = Sectors { bins: &sectors, alive: &alive, curve: &curve, noise: &noise, hidden };
-        let shape = Shape::of(&template);
-        if let Some(found) = all.plain(&template, &shape, &matches) {
-            (template, matches, blurred) = (found.template, found.matches, found.blurred);
+    if learnt && !rounds.noise.is_correlated() {
+        let shape = Shape::of(&rounds.template);
+        let all = rounds.all();
+        if let Some(found) = all.plain(&rounds.template, &shape, &rounds.matches) {
+            blurred = found.blurred;
+            (rounds.template, rounds.matches) = (found.template, found.matches);
             plain = true;
         } else {
-            let pool = all.pool(&template, &shape, &matches);
-            blurred = all.blurred(&pool, &template, &matches, 1.0);
+            let pool = all.pool(&rounds.template, &shape, &rounds.matches);
+            blurred = all.blurred(&pool, &rounds.template, &rounds.matches, 1.0);
         }
     }
+    let Rounds { template, matches, alive, noise, profiles, closed, far_px2, .. } = rounds;
     let step = blurred.map_or_else(|| template.edge(), Blurred::step);
     let disturbed = local_misfit(&matches, &alive, closed);
     let points: Vec<EdgePoint> = matches
@@ -240,16 +137,16 @@ pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Loc
             angle_rad,
             distance_px: step.distance_px + m.measured.0,
             variance_px2: m.measured.1 * here.max(0.5 * m.misfit),
-            usable: a > 0.0 && m.measured.1 < far,
+            usable: a > 0.0 && m.measured.1 < far_px2,
         })
         .collect();
-    let coverage = alive.iter().sum::<f64>() / n as f64;
+    let coverage = alive.iter().sum::<f64>() / alive.len() as f64;
     let least = tails.iter().copied().fold(f64::INFINITY, f64::min);
     let most = tails.iter().copied().fold(f64::NEG_INFINITY, f64::max);
     let leaning_px = 0.5 * (most - least) / step.contrast().abs().max(1e-300) * step.softness_px;
     let gains = quartiles(&matches, &alive);
     let (textured, noise) = (noise.is_correlated(), noise.pixel2.sqrt());
-    Some(Located { points, template, step, noise, plain, textured, coverage, gains, leaning_px })
+    Located { points, template, step, noise, plain, textured, coverage, gains, leaning_px }
 }
 
 /// Quartiles of the gains of the sectors that show the edge.
@@ -284,95 +181,4 @@ fn local_misfit(matches: &[Match], alive: &[f64], closed: bool) -> Vec<f64> {
             if known { median(&values, &weights).max(0.1 * typical) } else { typical.max(1.0) }
         })
         .collect()
-}
-
-/// The median over the sectors, bin by bin: the first guess of the common profile. Bins without pixels have their neighbour's level.
-fn median_profile(profiles: &Profiles, alive: &[f64]) -> Option<Template> {
-    let mut values = Vec::with_capacity(profiles.bins);
-    let (mut last, mut known) = (f64::NAN, Vec::with_capacity(profiles.bins));
-    let sectors = alive.iter().sum::<f64>();
-    for b in 0..profiles.bins {
-        let list: Vec<f64> = (0..profiles.sectors())
-            .map(|s| f64::from(profiles.value[s * profiles.bins + b]))
-            .collect();
-        let weights: Vec<f64> = (0..profiles.sectors())
-            .map(|s| if profiles.count[s * profiles.bins + b] > 0.0 { alive[s] } else { 0.0 })
-            .collect();
-        known.push(is_known(weights.iter().sum(), sectors));
-        if weights.iter().any(|w| *w > 0.0) {
-            last = median(&list, &weights);
-        }
-        values.push(last);
-    }
-    // The first may lie where the contour is too narrow for a pixel: a step there would pass for the edge.
-    let first = values.iter().copied().find(|v| v.is_finite()).unwrap_or(0.0);
-    values.iter_mut().take_while(|v| v.is_nan()).for_each(|v| *v = first);
-    let mut template =
-        Template { start_px: profiles.bin_middle_px(0), step_px: profiles.band.bin_px, values };
-    if let Some(side) = profiles.hidden {
-        template.mirror(&known, side)?;
-    }
-    template.smooth(2);
-    template.denoise();
-    Some(template)
-}
-
-fn spread_of(template: &Template) -> f64 {
-    let (lo, hi) = template
-        .values
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(*v), hi.max(*v)));
-    hi - lo
-}
-
-/// Priors for the next round: curves through levels and gains, as wide as these scatter beyond their noise.
-fn update_priors(
-    round: usize,
-    priors: &mut [Prior],
-    matches: &[Match],
-    alive: &[f64],
-    curve: &Curve,
-    range: f64,
-) {
-    let of = |f: fn(&Match) -> f64| matches.iter().map(f).collect::<Vec<f64>>();
-    let (levels, level_sd) = curve.fit(&of(|m| m.level), alive);
-    let (gains, gain_sd) = curve.fit(&of(|m| m.gain), alive);
-    let beyond = |sd: f64, noise: f64, least: f64| {
-        (sd * sd - noise).max(0.1 * noise.min(sd * sd)).max(least)
-    };
-    let level_variance =
-        beyond(level_sd, median(&of(|m| m.level_variance), alive), (1e-4 * range).powi(2));
-    let gain_variance = beyond(gain_sd, median(&of(|m| m.gain_variance), alive), 1e-8);
-    let stretches = of(|m| m.stretch);
-    let (_, stretch_sd, _) = curve.fit_order(0, &stretches, alive);
-    // The first round has no stretch: a common profile must exist before sectors can differ from it.
-    let stretch_variance = if round == 0 {
-        0.09
-    } else {
-        beyond(stretch_sd, median(&of(|m| m.stretch_variance), alive), 1e-6)
-    };
-    let usual_tail = median(&of(|m| m.tail), alive);
-    let (tails, tail_sd) = curve.fit(&of(|m| m.tail), alive);
-    let tail_variance = if round == 0 {
-        0.01 * range * range
-    } else {
-        beyond(tail_sd, median(&of(|m| m.tail_variance), alive), (LEAST_TAIL * range).powi(2))
-    };
-    // Wide enough for any real wander, but not for another edge.
-    let known: Vec<f64> = alive
-        .iter()
-        .zip(matches)
-        .map(|(a, m)| if m.measured.1.is_finite() { *a } else { 0.0 })
-        .collect();
-    let (shifts, shift_sd, _) = curve.fit_order(2, &of(|m| m.measured.0), &known);
-    let shift_variance = (3.0 * shift_sd).powi(2).max(1e-6);
-    for (s, prior) in priors.iter_mut().enumerate() {
-        *prior = Prior {
-            shift: (shifts[s], shift_variance),
-            level: (levels[s], level_variance),
-            gain: (gains[s], gain_variance),
-            stretch: (0.0, stretch_variance),
-            tail: (if round == 0 { 0.0 } else { tails[s] - usual_tail }, tail_variance),
-        };
-    }
 }

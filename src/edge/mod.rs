@@ -14,6 +14,7 @@ mod locate;
 mod noise;
 mod plain;
 mod pool;
+mod rounds;
 mod scan;
 mod sector;
 mod shading;

@@ -3,11 +3,13 @@
 //! 1. [`Look`]: a reduced picture and its gradients at a few scales.
 //! 2. `votes`: every gradient votes along its line; circles, concentric ones above all, pile up at their centres.
 //! 3. `rays`: rays from each peak tell the radii at which most directions see an edge of the same sense.
+//! 4. `refine`: each of those is led to the circle through the edges near it.
 
 mod crests;
 mod folds;
 mod look;
 mod rays;
+mod refine;
 mod standing;
 mod votes;
 

@@ -123,7 +123,7 @@ fn worst_u95(d: &[Vector3<f64>], noise_mm: f64) -> f64 {
 }
 
 /// Measured and predicted deviations along X, Y, Z, over B (left) and over C (right).
-pub fn figure(sweep: &Sweep, report: &Report, noise_mm: f64) -> Figure {
+pub fn figure(sweep: &Sweep, report: &Report) -> Figure {
     let mut figure = Figure::new("RTCP sweep: measured and predicted").columns(2);
     for (i, axis) in ['x', 'y', 'z'].into_iter().enumerate() {
         for (k, name) in ['B', 'C'].into_iter().enumerate() {
@@ -138,7 +138,7 @@ pub fn figure(sweep: &Sweep, report: &Report, noise_mm: f64) -> Figure {
                 points
             };
             let bars: Vec<(f64, f64, f64)> =
-                over(&report.measured).iter().map(|p| (p.0, p.1, K95 * noise_mm)).collect();
+                over(&report.measured).iter().map(|p| (p.0, p.1, K95 * report.noise_mm)).collect();
             figure = figure.panel(
                 Panel::new(format!("{name}, °"), format!("d{axis}, mm"))
                     .points_with_bars("measured", &bars)

@@ -1,22 +1,17 @@
-//! The head's model `K0 = Σ a_i t_i`: least squares on sums of products, sensor selection, blocked cross-validation.
-//!
-//! Thermal runs are slow, so neighbouring rows are nearly copies. Cross-validation therefore leaves out whole
-//! blocks of consecutive rows, and where sensors are selected, the selection is repeated inside every fold.
+//! The head's model `K0 = Σ a_i t_i`: least squares on sums of products.
 
 use nalgebra::{DMatrix, DVector};
 use serde::{Deserialize, Serialize};
 
-use super::sums::{Sums, select, sum_of, with_constant};
+use super::blocks::{BLOCKS, Blocks, correlation};
+use super::sums::{Sums, with_constant};
 use crate::error::{Error, Result};
-use crate::fit::serial;
 use crate::table::Table;
 use crate::uncertainty::k95;
 use crate::units;
 
 /// The most sensors the source's model uses.
 pub const MOST_SENSORS: usize = 10;
-/// Blocks of consecutive rows left out in turn.
-const BLOCKS: usize = 5;
 
 /// When a constant is fitted beside the sensors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -57,8 +52,8 @@ impl Default for Options {
 #[derive(Debug, Clone)]
 pub struct Data {
     /// Rows of rises above the cold state, °C.
-    rises_c: Vec<Vec<f64>>,
-    displacement_mm: Vec<f64>,
+    pub(super) rises_c: Vec<Vec<f64>>,
+    pub(super) displacement_mm: Vec<f64>,
     /// Where they are from.
     path: std::path::PathBuf,
     /// What a user should know of the file.
@@ -91,8 +86,15 @@ impl Data {
         Ok(Self { rises_c, displacement_mm, path: table.path().to_owned(), warnings })
     }
 
-    fn sensors(&self) -> usize {
+    pub(super) fn sensors(&self) -> usize {
         self.rises_c[0].len()
+    }
+
+    /// Smallest and largest rise of a sensor.
+    fn range_c(&self, sensor: usize) -> [f64; 2] {
+        let values = self.rises_c.iter().map(|r| r[sensor]);
+        let least = values.clone().fold(f64::INFINITY, f64::min);
+        [least, values.fold(f64::NEG_INFINITY, f64::max)]
     }
 }
 
@@ -147,7 +149,7 @@ pub struct Coefficient {
     pub mm_per_c: f64,
     /// Half-width of its 95 % interval.
     pub mm_per_c_u95: f64,
-    /// Smallest and largest rise in the calibration.
+    /// Smallest and largest rise in the blocks.
     pub range_c: [f64; 2],
 }
 
@@ -212,83 +214,45 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     if !(1..=MOST_SENSORS).contains(&options.max_sensors) {
         return Err(Error::option("--max-sensors", "is out of range", "give 1 to 10"));
     }
-    let rows = data.displacement_mm.len();
-    let sensors = data.sensors();
-    let live: Vec<usize> = (0..sensors)
-        .filter(|&i| {
-            let first = data.rises_c[0][i];
-            let moves = data.rises_c.iter().any(|r| (r[i] - first).abs() > 1e-9);
-            if !moves {
-                warnings.push(format!("head sensor {} never changes: dead, left out", i + 1));
-            }
-            moves
-        })
-        .collect();
+    let fail = |reason: String, fix: String| {
+        Error::measure(format!("{}: head", data.path.display()), reason, fix)
+    };
+    let (rows, sensors) = (data.displacement_mm.len(), data.sensors());
+    let live = live_sensors(data, warnings);
     if live.is_empty() {
-        return Err(Error::measure(
-            format!("{}: head", data.path.display()),
-            "no sensor changes",
-            "warm the head up while recording",
+        return Err(fail(
+            "no sensor changes".to_owned(),
+            "warm the head up while recording".to_owned(),
         ));
     }
-    let mut blocks = vec![Sums::empty(sensors); BLOCKS];
-    for (i, (rises, &y)) in data.rises_c.iter().zip(&data.displacement_mm).enumerate() {
-        blocks[i * BLOCKS / rows].add_row(rises, y);
-    }
-    let mut total = sum_of(&blocks, |_| true);
-    let selecting = options.select || live.len() > options.max_sensors;
-    let need = 3 * BLOCKS.max(if selecting { 1 } else { live.len() + 1 });
+    let selects = options.select || live.len() > options.max_sensors;
+    let need = 3 * BLOCKS.max(if selects { 1 } else { live.len() + 1 });
     if rows < need {
-        return Err(Error::measure(
-            format!("{}: head", data.path.display()),
+        return Err(fail(
             format!("{rows} rows are too few for {} sensors", live.len()),
             format!("record at least {need}"),
         ));
     }
-    let choose = |blocks: &[Sums], constant: bool| -> Vec<usize> {
-        if selecting { select(blocks, &live, options.max_sensors, constant) } else { live.clone() }
+    let most = selects.then_some(options.max_sensors);
+    let blocks = Blocks::new(data, live, most);
+    let constant = match options.constant {
+        Constant::Yes => true,
+        Constant::No => false,
+        Constant::Auto => blocks.needs_constant(warnings),
     };
-    let mut constant = options.constant == Constant::Yes;
-    if options.constant == Constant::Auto {
-        let columns = with_constant(choose(&blocks, true), sensors, true);
-        if let Some(s) = total.solve(&columns) {
-            let last = columns.len() - 1;
-            let (widen, _) = correlation(data, &columns, &s.coefficients);
-            let s2 = s.left / (rows - columns.len()).max(1) as f64;
-            let u = (s2 * widen * s.inverse[(last, last)]).sqrt();
-            // 4.5 standard errors: a chance finding in one of 100 000 calibrations.
-            constant = s.coefficients[last].abs() > (4.5 * u).max(1e-4)
-                && s2 < total_left(&total, &choose(&blocks, false));
-            if constant {
-                warnings.push(format!(
-                    "a constant of {:.4} mm is significant and is fitted: the readings are no rises above the cold \
-                     state; give --cold-c, or --constant no",
-                    s.coefficients[last]
-                ));
-            }
-        }
-    }
-    let chosen = choose(&blocks, constant);
+    let mut total = blocks.total();
+    let chosen = blocks.chosen(constant);
     let columns = with_constant(chosen.clone(), sensors, constant);
     let solved = total.solve(&columns).ok_or_else(|| {
-        Error::measure(
-            format!("{}: head", data.path.display()),
-            "the sensors rise and fall together: their coefficients cannot be told apart",
-            "use --select, or record heating and cooling of different parts",
+        fail(
+            "the sensors rise and fall together: their coefficients cannot be told apart"
+                .to_owned(),
+            "use --select, or record heating and cooling of different parts".to_owned(),
         )
     })?;
     let (widen, rho) = correlation(data, &columns, &solved.coefficients);
-    let mut left = 0.0;
-    for k in 0..BLOCKS {
-        let seen: Vec<Sums> = (0..BLOCKS).filter(|&j| j != k).map(|j| blocks[j].clone()).collect();
-        let columns = with_constant(choose(&seen, constant), sensors, constant);
-        let coefficients = sum_of(&seen, |_| true)
-            .solve(&columns)
-            .map_or_else(|| DVector::zeros(columns.len()), |s| s.coefficients);
-        left += blocks[k].left(&columns, &coefficients);
-    }
-    let y = total.displacement_column();
     total.effective_rows = rows as f64 / widen;
+    let y = total.displacement_column();
     let mut head = Head {
         sensors,
         cold_c: options.cold_c.clone(),
@@ -298,26 +262,17 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
         noise_mm: 0.0,
         before_rms_mm: (total.at(y, y) / rows as f64).sqrt(),
         after_rms_mm: (solved.left / rows as f64).sqrt(),
-        held_out_rms_mm: (left / rows as f64).sqrt(),
+        held_out_rms_mm: (blocks.held_out(constant) / rows as f64).sqrt(),
         residual_correlation: rho,
         sums: total,
     };
-    head.coefficients = chosen
-        .iter()
-        .enumerate()
-        .map(|(a, &i)| {
-            let values = data.rises_c.iter().map(|r| r[i]);
-            Coefficient {
-                sensor: i + 1,
-                mm_per_c: solved.coefficients[a],
-                mm_per_c_u95: 0.0,
-                range_c: [
-                    values.clone().fold(f64::INFINITY, f64::min),
-                    values.fold(f64::NEG_INFINITY, f64::max),
-                ],
-            }
-        })
-        .collect();
+    let coefficient = |(a, &i): (usize, &usize)| Coefficient {
+        sensor: i + 1,
+        mm_per_c: solved.coefficients[a],
+        mm_per_c_u95: 0.0,
+        range_c: data.range_c(i),
+    };
+    head.coefficients = chosen.iter().enumerate().map(coefficient).collect();
     if let Some(p) = head.predictor(|_| true) {
         head.noise_mm = p.noise_mm;
         for (a, c) in head.coefficients.iter_mut().enumerate() {
@@ -334,26 +289,15 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     Ok(head)
 }
 
-/// Mean square left by a fit without a constant; infinite where there is none.
-fn total_left(total: &Sums, columns: &[usize]) -> f64 {
-    let rows = total.at(total.constant_column(), total.constant_column());
-    total.solve(columns).map_or(f64::INFINITY, |s| s.left / (rows - columns.len() as f64).max(1.0))
-}
-
-/// How much consecutive residuals repeat each other: the factor on variances (1 + ρ)/(1 - ρ), and ρ.
-fn correlation(data: &Data, columns: &[usize], coefficients: &DVector<f64>) -> (f64, f64) {
-    let residuals: Vec<f64> = data
-        .rises_c
-        .iter()
-        .zip(&data.displacement_mm)
-        .map(|(row, y)| {
-            let model: f64 = columns
-                .iter()
-                .zip(coefficients.iter())
-                .map(|(&i, c)| c * row.get(i).copied().unwrap_or(1.0))
-                .sum();
-            y - model
-        })
-        .collect();
-    serial::widening(&residuals, columns.len())
+/// Sensors that change; of the others `warnings` tell.
+fn live_sensors(data: &Data, warnings: &mut Vec<String>) -> Vec<usize> {
+    let moves = |&i: &usize| {
+        let first = data.rises_c[0][i];
+        let moves = data.rises_c.iter().any(|r| (r[i] - first).abs() > 1e-9);
+        if !moves {
+            warnings.push(format!("head sensor {} never changes: dead, left out", i + 1));
+        }
+        moves
+    };
+    (0..data.sensors()).filter(moves).collect()
 }

@@ -1,63 +1,15 @@
-//! The lines of a screw's runs, and the law that all of its points follow.
+//! The law that all points of a screw follow, and how far its slopes lie off it.
 
 use nalgebra::{DMatrix, DVector};
 
+use crate::fit::least_squares;
 use crate::fit::tails::ln_f_tail;
-use crate::fit::{least_squares, serial};
+use crate::thermal::lines::{Line, Point};
 
 /// p-value under which slopes are taken to lie off the law, and under which that is said.
 const OFF_P: f64 = 0.05;
 /// See [`OFF_P`].
 const SURELY_OFF_P: f64 = 0.01;
-
-/// One calibration row.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Point {
-    pub(super) screw_c: f64,
-    pub(super) position_mm: f64,
-    pub(super) error_mm: f64,
-}
-
-/// The straight line of one run.
-pub(super) struct Line {
-    pub(super) screw_c: f64,
-    pub(super) slope: f64,
-    pub(super) intercept: f64,
-    /// Standard error of the slope for readings of unit noise.
-    pub(super) slope_factor: f64,
-    pub(super) mean_mm: f64,
-    pub(super) count: f64,
-    pub(super) left: f64,
-}
-
-impl Line {
-    pub(super) fn fit(run: &[Point]) -> Option<Self> {
-        let count = run.len() as f64;
-        let mean = |f: fn(&Point) -> f64| run.iter().map(f).sum::<f64>() / count;
-        let (mp, me) = (mean(|p| p.position_mm), mean(|p| p.error_mm));
-        let pp: f64 = run.iter().map(|p| (p.position_mm - mp).powi(2)).sum();
-        if pp <= 1e-12 {
-            return None;
-        }
-        let slope = run.iter().map(|p| (p.position_mm - mp) * (p.error_mm - me)).sum::<f64>() / pp;
-        let left =
-            run.iter().map(|p| (p.error_mm - me - slope * (p.position_mm - mp)).powi(2)).sum();
-        Some(Self {
-            screw_c: mean(|p| p.screw_c),
-            slope,
-            intercept: me - slope * mp,
-            slope_factor: pp.sqrt().recip(),
-            mean_mm: mp,
-            count,
-            left,
-        })
-    }
-
-    /// Standard error of the line's value at a position, for readings of unit noise.
-    pub(super) fn value_factor(&self, position_mm: f64) -> f64 {
-        (1.0 / self.count + ((position_mm - self.mean_mm) * self.slope_factor).powi(2)).sqrt()
-    }
-}
 
 /// `error = k (T - T0) (P - P0)` (+ a free offset for each run) over all points.
 pub(super) struct Law<'a> {
@@ -170,20 +122,4 @@ impl Misfit {
             significant: ln_p < SURELY_OFF_P.ln(),
         }
     }
-}
-
-/// The factor on variances where errors repeat along the axis or from run to run, as those of the screw's pitch do.
-pub(super) fn repeats(runs: &[Vec<Point>], lines: &[Line]) -> f64 {
-    let mut left: Vec<(f64, f64)> = Vec::new();
-    for (run, l) in runs.iter().zip(lines) {
-        let from = left.len();
-        left.extend(
-            run.iter().map(|p| (p.position_mm, p.error_mm - l.intercept - l.slope * p.position_mm)),
-        );
-        left[from..].sort_by(|a, b| a.0.total_cmp(&b.0));
-    }
-    let values = |left: &[(f64, f64)]| left.iter().map(|l| l.1).collect::<Vec<_>>();
-    let by_run = values(&left);
-    left.sort_by(|a, b| a.0.total_cmp(&b.0));
-    [by_run, values(&left)].map(|r| serial::widening(&r, 1).0).into_iter().fold(1.0, f64::max)
 }

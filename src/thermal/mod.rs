@@ -4,9 +4,11 @@
 //! `t_i` of its sensors above the cold state; `tan β(T) = Tk_max (T - T0) / (T_max - T0)` is the slope of the position
 //! error along the axis at screw temperature `T`. `ΔK` is the deviation; the correction has the opposite sign.
 
+mod blocks;
 pub mod compensate;
 pub mod head;
 mod law;
+mod lines;
 mod model;
 pub mod screw;
 pub mod simulate;

@@ -5,16 +5,11 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
-use crate::fit::tails::ln_f_tail;
 use crate::table::Table;
-use crate::thermal::law::{Law, Line, Misfit, Point, repeats};
+use crate::thermal::law::{Law, Misfit};
+use crate::thermal::lines::{Line, Lines, Point, fail};
 use crate::uncertainty::k95;
 use crate::units;
-
-/// Rows whose screw temperatures are closer than this belong to one calibration run.
-const SAME_RUN_C: f64 = 0.5;
-/// p-value under which lines are said not to meet.
-const APART_P: f64 = 1e-4;
 
 /// How the screws are fitted.
 #[derive(Debug, Clone, Default)]
@@ -168,100 +163,24 @@ fn fit_axis(
 ) -> Result<Screw> {
     let given = |pairs: &[(String, f64)]| pairs.iter().find(|(n, _)| n == axis).map(|p| p.1);
     let (given_p0, given_t0) = (given(&options.p0_mm), given(&options.t0_c));
-    let fail = |reason: String, fix: &str| Error::measure(format!("axis {axis}"), reason, fix);
-    let runs = runs(points);
-    if runs.len() < 2 && given_t0.is_none() {
-        return Err(fail(
-            format!("all rows are at one screw temperature ({:.1} °C)", points[0].screw_c),
-            "measure at two or more temperatures, or give --t0-c AXIS=TEMPERATURE of the cold screw",
-        ));
-    }
-    let mut slopes = Vec::new();
-    let (mut left, mut dof) = (0.0, 0.0);
-    for run in &runs {
-        let line = Line::fit(run).ok_or_else(|| {
-            fail(
-                format!("the run at {:.1} °C has fewer than two positions", run[0].screw_c),
-                "measure several positions at each temperature",
-            )
-        })?;
-        left += line.left;
-        dof += run.len() as f64 - 2.0;
-        slopes.push(line);
-    }
-    if dof < 1.0 {
-        return Err(fail(
-            "two positions at each temperature leave nothing to tell the noise".into(),
-            "measure three or more",
-        ));
-    }
-    // A floor well under any interferometer keeps weights finite on noise-free data.
-    let noise = (left / dof).sqrt().max(1e-9);
-
-    // Slopes and intercepts against temperature start the fit of the whole law.
-    let mean = |f: &dyn Fn(&Line) -> f64| slopes.iter().map(f).sum::<f64>() / slopes.len() as f64;
-    let (mt, ms) = (mean(&|l| l.screw_c), mean(&|l| l.slope));
-    let tt: f64 = slopes.iter().map(|l| (l.screw_c - mt).powi(2)).sum();
-    let ts: f64 = slopes.iter().map(|l| (l.screw_c - mt) * (l.slope - ms)).sum();
-    let per_degree = match given_t0 {
-        Some(t0) => {
-            slopes.iter().map(|l| l.slope * (l.screw_c - t0)).sum::<f64>()
-                / slopes.iter().map(|l| (l.screw_c - t0).powi(2)).sum::<f64>()
-        }
-        None => ts / tt,
+    let lines = Lines::fit(axis, points, given_t0)?;
+    let (per_degree, t0) = lines.slopes_law(axis, given_t0)?;
+    let meet = lines.meet();
+    let p0 = reference_mm(axis, &lines, given_p0, warnings);
+    let law = Law {
+        points,
+        runs: &lines.runs,
+        noise: lines.noise,
+        t0: given_t0,
+        p0,
+        free_offsets: given_p0.is_some() || !meet,
     };
-    let slope_u = slopes.iter().map(|l| noise * l.slope_factor).fold(f64::INFINITY, f64::min);
-    let span =
-        slopes.iter().map(|l| (l.screw_c - given_t0.unwrap_or(mt)).abs()).fold(0.0, f64::max);
-    if !per_degree.is_finite() || per_degree.abs() * span < 3.0 * slope_u {
-        return Err(fail(
-            "the slope of the error does not change with the screw's temperature".into(),
-            "measure over a wider range of temperature, or leave this axis out: it needs no correction",
-        ));
-    }
-    let t0 = given_t0.unwrap_or(mt - ms / per_degree);
-    let ss: f64 = slopes.iter().map(|l| l.slope * l.slope).sum();
-    let crossing = -slopes.iter().map(|l| l.slope * l.intercept).sum::<f64>() / ss;
-
-    // The lines must meet in P0; if the interferometer was zeroed anew for each run they do not.
-    let spread = |at: f64| -> f64 {
-        slopes
-            .iter()
-            .map(|l| ((l.intercept + l.slope * at) / (noise * l.value_factor(at))).powi(2))
-            .sum()
-    };
-    let joints = slopes.len() as f64 - 1.0;
-    let meet = joints < 1.0 || ln_f_tail(spread(crossing) / joints, joints, dof) > APART_P.ln();
-    let lines = slopes.len() as f64;
-    let through = |p0: f64| ln_f_tail(spread(p0) / lines, lines, dof) > APART_P.ln();
-    let p0_fixed = match (given_p0, meet) {
-        (Some(p0), _) => Some(p0),
-        (None, true) => None,
-        (None, false) => {
-            warnings.push(format!(
-                "axis {axis}: the error lines do not meet at one position (the reading was zeroed anew for each run); \
-                 the reference position is taken as 0 and may be anywhere, which makes intervals wide: give --p0-mm {axis}=POSITION"
-            ));
-            Some(0.0)
-        }
-    };
-    if let Some(p0) = given_p0
-        && meet
-        && !through(p0)
-    {
-        warnings.push(format!(
-            "axis {axis}: the error lines meet at {crossing:.1} mm, not at the {p0} mm given with --p0-mm"
-        ));
-    }
-    let free_offsets = given_p0.is_some() || !meet;
-    let law = Law { points, runs: &runs, noise, t0: given_t0, p0: p0_fixed, free_offsets };
-    let solved = law.solve([per_degree, t0, p0_fixed.unwrap_or(crossing)]);
-    let [per_degree, t0, p0_mm] = solved.parameters;
+    let solved = law.solve([per_degree, t0, p0.unwrap_or(lines.crossing_mm())]);
+    let [per_degree, t0_c, p0_mm] = solved.parameters;
     let dof = (points.len() as f64 - solved.rank as f64).max(1.0);
-    let scatter = (solved.chi2 / dof).sqrt().max(1.0);
     let k = k95(dof);
-    let off =
-        Misfit::of(&slopes, |l| per_degree * (l.screw_c - t0), noise, given_t0.is_some(), dof);
+    let slope_at = |l: &Line| per_degree * (l.screw_c - t0_c);
+    let off = Misfit::of(&lines.lines, slope_at, lines.noise, given_t0.is_some(), dof);
     if off.significant {
         warnings.push(format!(
             "axis {axis}: the slopes are not proportional to T - T0 (they lie {:.1} times their uncertainty off); \
@@ -269,29 +188,26 @@ fn fit_axis(
             off.ratio
         ));
     }
-    let serial = repeats(&runs, &slopes);
+    let serial = lines.repeats().sqrt();
     // Slopes off the law make T0 and the slope for each degree uncertain, not where the lines meet.
-    let slope = serial.sqrt() * off.ratio * k95(off.dof) / k;
-    let widen = [slope, slope, serial.sqrt()];
+    let slope = serial * off.ratio * k95(off.dof) / k;
+    let widen = [slope, slope, serial];
     let mut covariance = solved.covariance;
     for (i, row) in covariance.iter_mut().enumerate() {
         row.iter_mut().zip(widen).for_each(|(v, w)| *v *= widen[i] * w);
     }
-    let positions = points.iter().map(|p| p.position_mm);
-    let range_mm = [
-        positions.clone().fold(f64::INFINITY, f64::min),
-        positions.fold(f64::NEG_INFINITY, f64::max),
-    ];
+    let range_mm = range(points.iter().map(|p| p.position_mm));
     if given_p0.is_none() && !meet {
         // Anywhere on the axis, and 0 need not be on it.
         let far = range_mm.map(f64::abs).into_iter().fold(range_mm[1] - range_mm[0], f64::max);
         covariance[2][2] = far * far / 3.0;
     }
-    let t_max_c = slopes.iter().map(|l| l.screw_c).fold(f64::NEG_INFINITY, f64::max);
-    let rise = t_max_c - t0;
+    let [_, t_max_c] = range(lines.lines.iter().map(|l| l.screw_c));
+    let rise = t_max_c - t0_c;
     if rise <= 0.0 {
         return Err(fail(
-            format!("the slope is zero at {t0:.1} °C, above all calibrated temperatures"),
+            axis,
+            format!("the slope is zero at {t0_c:.1} °C, above all calibrated temperatures"),
             "check the sign of error_mm, or give --t0-c",
         ));
     }
@@ -300,9 +216,16 @@ fn fit_axis(
     let rms = |f: &dyn Fn(&Point) -> f64| {
         (points.iter().map(|p| f(p).powi(2)).sum::<f64>() / points.len() as f64).sqrt()
     };
+    let slope_k = k95(lines.dof);
+    let slope_of = |l: &Line| Slope {
+        screw_c: l.screw_c,
+        slope_um_per_m: 1e6 * l.slope,
+        slope_u95_um_per_m: 1e6 * slope_k * (lines.noise * l.slope_factor) * serial,
+        intercept_mm: l.intercept,
+    };
     Ok(Screw {
         axis: axis.to_owned(),
-        t0_c: t0,
+        t0_c,
         t0_u95_c: k * covariance[1][1].sqrt(),
         t_max_c,
         tk_max_um_per_m: 1e6 * per_degree * rise,
@@ -310,40 +233,46 @@ fn fit_axis(
         p0_mm,
         p0_u95_mm: k * covariance[2][2].sqrt(),
         range_mm,
-        noise_mm: noise * scatter,
+        noise_mm: lines.noise * (solved.chi2 / dof).sqrt().max(1.0),
         before_rms_mm: rms(&|p| p.error_mm),
         after_rms_mm: rms(&|p| {
-            p.error_mm - per_degree * (p.screw_c - t0) * (p.position_mm - p0_mm)
+            p.error_mm - per_degree * (p.screw_c - t0_c) * (p.position_mm - p0_mm)
         }),
         covariance,
         dof,
-        slopes: slopes
-            .iter()
-            .map(|l| Slope {
-                screw_c: l.screw_c,
-                slope_um_per_m: 1e6 * l.slope,
-                slope_u95_um_per_m: 1e6
-                    * k95(points.len() as f64 - 2.0 * runs.len() as f64)
-                    * (noise * l.slope_factor)
-                    * serial.sqrt(),
-                intercept_mm: l.intercept,
-            })
-            .collect(),
+        slopes: lines.lines.iter().map(slope_of).collect(),
     })
 }
 
-/// Rows of one temperature each, by rising temperature.
-fn runs(points: &[Point]) -> Vec<Vec<Point>> {
-    let mut sorted = points.to_vec();
-    sorted.sort_by(|a, b| a.screw_c.total_cmp(&b.screw_c));
-    let mut runs: Vec<Vec<Point>> = Vec::new();
-    let mut last = f64::NEG_INFINITY;
-    for point in sorted {
-        match runs.last_mut() {
-            Some(run) if point.screw_c - last <= SAME_RUN_C => run.push(point),
-            _ => runs.push(vec![point]),
+/// The reference position where the law does not tell it: as given, or 0 where the lines do not meet.
+fn reference_mm(
+    axis: &str,
+    lines: &Lines,
+    given: Option<f64>,
+    warnings: &mut Vec<String>,
+) -> Option<f64> {
+    match (given, lines.meet()) {
+        (Some(p0), true) if !lines.meet_at(p0) => {
+            let crossing = lines.crossing_mm();
+            warnings.push(format!(
+                "axis {axis}: the error lines meet at {crossing:.1} mm, not at the {p0} mm given with --p0-mm"
+            ));
+            given
         }
-        last = point.screw_c;
+        (Some(_), _) => given,
+        (None, true) => None,
+        (None, false) => {
+            warnings.push(format!(
+                "axis {axis}: the error lines do not meet at one position (the reading was zeroed anew for each run); \
+                 the reference position is taken as 0 and may be anywhere, which makes intervals wide: give --p0-mm {axis}=POSITION"
+            ));
+            Some(0.0)
+        }
     }
-    runs
+}
+
+/// Smallest and largest.
+fn range(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
+    let least = values.clone().fold(f64::INFINITY, f64::min);
+    [least, values.fold(f64::NEG_INFINITY, f64::max)]
 }

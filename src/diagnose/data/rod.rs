@@ -1,25 +1,25 @@
 //! `rod` data: edge points of a check rod in pixels, capture by capture.
 
 mod layout;
+mod read;
 
-use std::collections::{BTreeMap, HashMap};
+use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{check_direction, extend_time, known_effects, need};
+use crate::diagnose::data::{extend_time, known_effects, need};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
     Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
-use crate::error::{Error, Result};
-use crate::fit::circle::{Circle, taubin};
+use crate::error::Result;
 use crate::machine::Machine;
 use crate::table::Table;
-use crate::units;
 use layout::layout;
+use read::Captures;
 
 /// The captures and their edge points.
 #[derive(Debug, Clone)]
@@ -183,102 +183,18 @@ impl RodExperiment {
         machine: Option<&Machine>,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        let mut index: HashMap<String, usize> = HashMap::new();
-        let mut first_rows = Vec::new();
-        let capture: Vec<usize> = (0..table.rows())
-            .map(|r| {
-                let next = index.len();
-                *index.entry(table.text(r, "capture").to_owned()).or_insert_with(|| {
-                    first_rows.push(r);
-                    next
-                })
-            })
-            .collect();
-        let per_capture = |name: &str| -> Result<Vec<f64>> {
-            let Some(all) = table.optional_column(name)? else { return Ok(Vec::new()) };
-            if let Some(r) =
-                (0..all.len()).find(|&r| (all[r] - all[first_rows[capture[r]]]).abs() > 1e-9)
-            {
-                let capture = table.text(r, "capture");
-                return Err(table.error(
-                    r,
-                    name,
-                    format!("differs within capture '{capture}'"),
-                    "give every row of a capture the same value",
-                ));
-            }
-            Ok(first_rows.iter().map(|&r| all[r]).collect())
-        };
-        let (x, y) = (per_capture("x_mm")?, per_capture("y_mm")?);
-        let c_deg = per_capture("c_deg")?;
-        warnings.extend(units::swept_angles("c_deg", &c_deg));
-        let (dir_x, dir_y) = (per_capture("dir_x")?, per_capture("dir_y")?);
-        for (name, column) in [("dir_x", &dir_x), ("dir_y", &dir_y)] {
-            if !column.is_empty() {
-                check_direction(table, name, &table.column(name)?, warnings)?;
-            }
-        }
-        let (u, v) = (table.column("u_px")?, table.column("v_px")?);
-        let lens = calibration.lens_size().is_some();
-        let (width, height) = calibration.lens_size().unwrap_or_else(|| {
-            // A plain scale turns about the frame's middle, which only shifts the rod's centre.
-            let (low_u, high_u) = crate::diagnose::generic::range(&u);
-            let (low_v, high_v) = crate::diagnose::generic::range(&v);
-            ((low_u + high_u).max(1.0) as usize + 1, (low_v + high_v).max(1.0) as usize + 1)
-        });
-        let view = calibration.view(width, height)?;
-        let inside = |r: &usize| {
-            let inner = |at: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&at);
-            inner(u[*r], width) && inner(v[*r], height)
-        };
-        let outside: Vec<usize> = (0..table.rows()).filter(|r| !inside(r)).collect();
-        if lens && let Some(first) = outside.first() {
+        let captures = Captures::of(table);
+        let c_deg = captures.column("c_deg")?;
+        let (data, rim) = read::rod(&captures, &c_deg, calibration, machine, warnings)?;
+        let values: Vec<f64> = data.points.iter().map(|p| (p - data.pole).norm()).collect();
+        let spread =
+            values.iter().map(|v| (v - rim.radius).powi(2)).sum::<f64>() / values.len() as f64;
+        if spread.sqrt() > 0.1 * rim.radius {
             warnings.push(format!(
-                "{}: {} points lie outside of the {width}×{height} px that the calibration covers, the first on line {}: is it this camera's?",
-                table.path().display(),
-                outside.len(),
-                table.line(*first)
-            ));
-        }
-        let sense = machine.map_or(1.0, |m| f64::from(m.c_sense));
-        let place: Vec<Vector2<f64>> =
-            x.iter().zip(&y).map(|(x, y)| Vector2::new(*x, *y)).collect();
-        let points: Vec<Vector2<f64>> = (0..table.rows())
-            .map(|r| place[capture[r]] + view.to_plane(Vector2::new(u[r], v[r])))
-            .collect();
-        let Circle { center: pole, radius } = taubin(&points, &vec![1.0; points.len()])
-            .ok_or_else(|| {
-                Error::file(
-                    table.path(),
-                    "its points lie on no circle",
-                    "check x_mm, y_mm, u_px, v_px",
-                )
-            })?;
-        let jacobian = view.mm_per_px(view.axis_px());
-        let eu = jacobian.column(0).normalize();
-        let ev = Vector2::new(-eu.y, eu.x);
-        let data = Rod {
-            distance_mm: lens.then(|| view.distance_mm()),
-            axes: [eu, ev],
-            c_sense: sense,
-            c_rad: c_deg.iter().map(|c| sense * c.to_radians()).collect(),
-            t_s: per_capture("t_s")?,
-            temp_c: per_capture("temp_c")?,
-            place,
-            dir_x,
-            dir_y,
-            capture,
-            points,
-            pole,
-            view,
-        };
-        let values: Vec<f64> = data.points.iter().map(|p| (p - pole).norm()).collect();
-        let spread = values.iter().map(|v| (v - radius).powi(2)).sum::<f64>() / values.len() as f64;
-        if spread.sqrt() > 0.1 * radius {
-            warnings.push(format!(
-                "the points scatter by {:.3} mm about a circle of {radius:.3} mm: check that x_mm, y_mm are in \
+                "the points scatter by {:.3} mm about a circle of {:.3} mm: check that x_mm, y_mm are in \
                  millimetres and have the sign of the machine",
-                spread.sqrt()
+                spread.sqrt(),
+                rim.radius
             ));
         }
         let layout = layout(&data, values, &c_deg);
@@ -290,9 +206,9 @@ impl RodExperiment {
         let nuisance =
             |name: &'static str, start: f64| Parameter { start, ..Parameter::linear(name, 0.01) };
         let nuisances = vec![
-            nuisance("centre_x_mm", pole.x),
-            nuisance("centre_y_mm", pole.y),
-            nuisance("radius_mm", radius),
+            nuisance("centre_x_mm", rim.center.x),
+            nuisance("centre_y_mm", rim.center.y),
+            nuisance("radius_mm", rim.radius),
         ];
         Ok(Self { data, library, known, layout, nuisances })
     }

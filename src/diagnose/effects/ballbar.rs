@@ -48,23 +48,42 @@ fn z_one_way(data: &Columns) -> Option<String> {
     data.needs(&["dir"]).filter(|_| !turns_back)
 }
 
+/// Runs that show what one path cannot.
+const SECOND: &str = "a second path with the cup shifted, or a bar of certified length";
+
+fn one(name: &'static str, typical: f64) -> Vec<Parameter> {
+    vec![Parameter::linear(name, typical)]
+}
+
+/// A vector of the head as B has turned it in a row.
+fn at(data: &Columns, row: usize, v: Vector3<f64>) -> Vector3<f64> {
+    turned(data.get("b_deg")[row].to_radians(), v)
+}
+
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Columns) -> L {
     let mut l = L::default();
-    let swing = data.needs(&["b_deg"]);
-    let second = "a second path with the cup shifted, or a bar of certified length";
-    let one = |name: &'static str, typical: f64| vec![Parameter::linear(name, typical)];
-    let at = |data: &Columns, row: usize, v| turned(data.get("b_deg")[row].to_radians(), v);
+    head(&mut l, data);
+    sideways(&mut l, data);
+    backlash(&mut l, data);
+    pitch(&mut l, data);
+    slide(&mut l, data);
+    servo(&mut l, data);
+    growth(&mut l, data);
+    l
+}
+
+fn head(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "pivot-offset-x",
             "the nozzle is off the B axis by ΔX + this (X0B)",
             "length against B, odd",
-            second,
+            SECOND,
         ),
-        swing.clone(),
+        data.needs(&["b_deg"]),
     );
-    term(&mut l, one("delta_x_mm", 0.02), move |data, p, row| {
+    term(l, one("delta_x_mm", 0.02), move |data, p, row| {
         at(data, row, Vector3::new(p[0], 0.0, 0.0))
     });
     l.effect(
@@ -72,21 +91,22 @@ pub fn library(data: &Columns) -> L {
             "pivot-length",
             "the B axis is R + this above the nozzle (Z0B)",
             "length against B, even",
-            second,
+            SECOND,
         ),
-        swing.clone(),
+        data.needs(&["b_deg"]),
     );
-    term(&mut l, one("r_mm", 0.02), move |data, p, row| {
-        at(data, row, Vector3::new(0.0, 0.0, -p[0]))
-    });
+    term(l, one("r_mm", 0.02), move |data, p, row| at(data, row, Vector3::new(0.0, 0.0, -p[0])));
     l.effect(
-        words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", second),
+        words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", SECOND),
         data.needs(&["z_mm"]),
     );
-    term(&mut l, one("um_per_m", 20.0), |data, p, row| {
+    term(l, one("um_per_m", 20.0), |data, p, row| {
         Vector3::new(p[0] * 1e-6 * data.get("z_mm")[row], 0.0, 0.0)
     });
-    // Sideways errors change the length only where the cup lies beside the plane.
+}
+
+/// Sideways errors change the length only where the cup lies beside the plane.
+fn sideways(l: &mut L, data: &Columns) {
     let sideways = |columns: &[&str]| match data.cups.iter().any(Cup::is_beside) {
         true => data.needs(columns),
         false => Some(
@@ -99,21 +119,24 @@ pub fn library(data: &Columns) -> L {
         ("b-axis-tilt-x", "the B axis is turned about X (A0B)", Vector3::x_axis()),
         ("b-axis-tilt-z", "the B axis is turned about Z (C0B)", Vector3::z_axis()),
     ] {
-        l.effect(words(name, meaning, shifted, second), sideways(&["b_deg"]));
+        l.effect(words(name, meaning, shifted, SECOND), sideways(&["b_deg"]));
         // The zero pose stays, as in `ballbar decouple`.
-        term(&mut l, one("tilt_deg", 0.01), move |data, p, row| {
+        term(l, one("tilt_deg", 0.01), move |data, p, row| {
             let tilt = Rotation3::from_axis_angle(&axis, p[0].to_radians());
             let untilted = tilt.inverse() * data.head;
             tilt * at(data, row, untilted) - at(data, row, data.head)
         });
     }
     l.effect(
-        words("squareness-yz", "Z is not square to Y (A0Z)", shifted, second),
+        words("squareness-yz", "Z is not square to Y (A0Z)", shifted, SECOND),
         sideways(&["z_mm"]),
     );
-    term(&mut l, one("um_per_m", 20.0), |data, p, row| {
+    term(l, one("um_per_m", 20.0), |data, p, row| {
         Vector3::new(0.0, -p[0] * 1e-6 * data.get("z_mm")[row], 0.0)
     });
+}
+
+fn backlash(l: &mut L, data: &Columns) {
     let both = "the run in both directions";
     l.effect(
         Words {
@@ -127,7 +150,7 @@ pub fn library(data: &Columns) -> L {
         },
         data.needs(&["dir"]),
     );
-    term(&mut l, one("width_deg", 0.01), |data, p, row| {
+    term(l, one("width_deg", 0.01), |data, p, row| {
         swung(data, row, -0.5 * data.get("dir")[row] * p[0].to_radians())
     });
     l.effect(
@@ -143,13 +166,16 @@ pub fn library(data: &Columns) -> L {
         z_one_way(data),
     );
     // Z turns back where B passes its middle; `dir` may also be Z's own.
-    term(&mut l, one("width_mm", 0.01), |data, p, row| {
+    term(l, one("width_mm", 0.01), |data, p, row| {
         let way = data.get("dir")[row] * slope_mm(data, row);
         Vector3::new(0.0, 0.0, if way == 0.0 { 0.0 } else { -0.5 * p[0] * way.signum() })
     });
-    term(&mut l, one("own_dir_width_mm", 0.01), |data, p, row| {
+    term(l, one("own_dir_width_mm", 0.01), |data, p, row| {
         Vector3::new(0.0, 0.0, -0.5 * data.get("dir")[row] * p[0])
     });
+}
+
+fn pitch(l: &mut L, data: &Columns) {
     l.effect(
         Words {
             varies_with: &["b_deg"],
@@ -160,21 +186,24 @@ pub fn library(data: &Columns) -> L {
                 "B over its whole range in small steps",
             )
         },
-        swing,
+        data.needs(&["b_deg"]),
     );
     for order in 1..=4u32 {
         let k = f64::from(order);
         let names = [format!("cos{order}_deg"), format!("sin{order}_deg")];
-        term(&mut l, names.map(|n| Parameter::linear(n, 0.01)).to_vec(), move |data, p, row| {
+        term(l, names.map(|n| Parameter::linear(n, 0.01)).to_vec(), move |data, p, row| {
             let b = k * data.get("b_deg")[row].to_radians();
             swung(data, row, (p[0] * b.cos() + p[1] * b.sin()).to_radians())
         });
     }
+}
+
+fn slide(l: &mut L, data: &Columns) {
     l.effect(
-        words("scale-z", "Z goes too far (EZZ)", "length against Z", second),
+        words("scale-z", "Z goes too far (EZZ)", "length against Z", SECOND),
         data.needs(&["z_mm"]),
     );
-    term(&mut l, one("um_per_m", 20.0), |data, p, row| {
+    term(l, one("um_per_m", 20.0), |data, p, row| {
         Vector3::new(0.0, 0.0, p[0] * 1e-6 * data.get("z_mm")[row])
     });
     l.effect(
@@ -191,13 +220,16 @@ pub fn library(data: &Columns) -> L {
         &[2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0],
     );
     term(
-        &mut l,
+        l,
         vec![Parameter::linear("cos_mm", 1e-3), Parameter::linear("sin_mm", 1e-3), pitch],
         |data, p, row| {
             let (s, c) = (std::f64::consts::TAU * data.get("z_mm")[row] / p[2]).sin_cos();
             Vector3::new(0.0, 0.0, p[0] * c + p[1] * s)
         },
     );
+}
+
+fn servo(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "servo-mismatch",
@@ -207,13 +239,11 @@ pub fn library(data: &Columns) -> L {
         ),
         data.needs(&["dir"]),
     );
-    term(&mut l, one("lead_deg", 0.01), |data, p, row| {
+    term(l, one("lead_deg", 0.01), |data, p, row| {
         // A time by which B leads: with B at constant speed, Z's lag is its slope (mm per rad) times the lead.
         let lag_mm = p[0].to_radians() * slope_mm(data, row);
         Vector3::new(0.0, 0.0, data.get("dir")[row] * lag_mm)
     });
-    growth(&mut l, data);
-    l
 }
 
 /// The head's growth, with temperature where that was recorded, otherwise as time goes by.

@@ -26,27 +26,44 @@ fn along(
     });
 }
 
+/// Captures that show what depends on the height.
+const HEIGHTS: &str = "heights from the least to the greatest at one power";
+
+/// Outputs that an effect may move: both, or one alone.
+const ALL: [&[usize]; 3] = [&[0, 1], &[0], &[1]];
+
+fn words(
+    name: &'static str,
+    meaning: &'static str,
+    evidence: &'static str,
+    best: &'static str,
+    varies_with: &'static [&'static str],
+) -> Words {
+    Words { name, meaning, evidence, best, varies_with }
+}
+
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Columns) -> L {
     let mut l = L::default();
-    let words = |name, meaning, evidence, best, varies_with| Words {
-        name,
-        meaning,
-        evidence,
-        best,
-        varies_with,
-    };
-    let heights = "heights from the least to the greatest at one power";
-    let height = data.needs(&["height_mm"]);
+    tilt(&mut l, data);
+    nozzle(&mut l);
+    sag(&mut l, data);
+    drift(&mut l, data);
+    power(&mut l, data);
+    camera(&mut l, data);
+    l
+}
+
+fn tilt(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "beam-tilt-x",
             "the beam leans in X: turn B",
             "dx against height",
-            heights,
+            HEIGHTS,
             &["height_mm"],
         ),
-        height.clone(),
+        data.needs(&["height_mm"]),
     );
     l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
         errors
@@ -59,10 +76,10 @@ pub fn library(data: &Columns) -> L {
             "beam-tilt-y",
             "the beam leans in Y: shim the flange",
             "dy against height",
-            heights,
+            HEIGHTS,
             &["height_mm"],
         ),
-        height.clone(),
+        data.needs(&["height_mm"]),
     );
     l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
         errors
@@ -70,21 +87,25 @@ pub fn library(data: &Columns) -> L {
             .zip(data.get("height_mm"))
             .for_each(|(e, h)| e.y += h * p[0].to_radians().tan());
     });
-    const ALL: [&[usize]; 3] = [&[0, 1], &[0], &[1]];
+}
+
+fn nozzle(l: &mut L) {
     l.effect(
         words(
             "nozzle-offset",
             "ring and spot lie apart by the same at every height",
             "mean of dx and dy",
-            heights,
+            HEIGHTS,
             &[],
         ),
         None,
     );
     for axes in ALL {
-        along(&mut l, ["x_mm", "y_mm"], 0.01, axes, |_, _| 1.0);
+        along(l, ["x_mm", "y_mm"], 0.01, axes, |_, _| 1.0);
     }
-    let swings = data.needs(&["b_deg"]);
+}
+
+fn sag(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "head-sag",
@@ -93,19 +114,22 @@ pub fn library(data: &Columns) -> L {
             "burns on a tilted plate over all B",
             &["b_deg"],
         ),
-        swings,
+        data.needs(&["b_deg"]),
     );
     let sin = |data: &Columns, row: usize| data.get("b_deg")[row].to_radians().sin();
-    along(&mut l, ["side_mm", ""], 0.01, &[0], sin);
+    along(l, ["side_mm", ""], 0.01, &[0], sin);
     l.form(vec![Parameter::linear("angle_deg", 0.01)], move |data, p, errors| {
         for (row, e) in errors.iter_mut().enumerate() {
             e.x += data.get("height_mm")[row] * p[0].to_radians() * sin(data, row);
         }
     });
-    along(&mut l, ["level_mm", ""], 0.01, &[0], |data, row| {
+    along(l, ["level_mm", ""], 0.01, &[0], |data, row| {
         1.0 - data.get("b_deg")[row].to_radians().cos()
     });
-    along(&mut l, ["both_ways_mm", ""], 0.01, &[0], move |data, row| sin(data, row).abs());
+    along(l, ["both_ways_mm", ""], 0.01, &[0], move |data, row| sin(data, row).abs());
+}
+
+fn drift(l: &mut L, data: &Columns) {
     let (start, end) = data.times_s();
     l.effect(
         words(
@@ -118,16 +142,14 @@ pub fn library(data: &Columns) -> L {
         data.needs(&["t_s"]),
     );
     for axes in ALL {
-        along(&mut l, ["x_mm_per_h", "y_mm_per_h"], 0.01, axes, move |data, row| {
+        along(l, ["x_mm_per_h", "y_mm_per_h"], 0.01, axes, move |data, row| {
             (data.get("t_s")[row] - start) / 3600.0
         });
     }
     let middle_s = 0.5 * (start + end);
     for axes in ALL {
         let names = ["x_from_middle_mm_per_h", "y_from_middle_mm_per_h"];
-        along(&mut l, names, 0.01, axes, move |data, row| {
-            (data.get("t_s")[row] - middle_s) / 3600.0
-        });
+        along(l, names, 0.01, axes, move |data, row| (data.get("t_s")[row] - middle_s) / 3600.0);
     }
     let rises: Vec<f64> = [0.1, 0.25, 0.6].iter().map(|f| f * (end - start)).collect();
     for axes in ALL {
@@ -141,6 +163,9 @@ pub fn library(data: &Columns) -> L {
             }
         });
     }
+}
+
+fn power(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "thermal-lens",
@@ -152,7 +177,7 @@ pub fn library(data: &Columns) -> L {
         data.needs(&["power_w"]),
     );
     for axes in ALL {
-        along(&mut l, ["x_mm_per_kw", "y_mm_per_kw"], 0.01, axes, |data, row| {
+        along(l, ["x_mm_per_kw", "y_mm_per_kw"], 0.01, axes, |data, row| {
             data.get("power_w")[row] / 1000.0
         });
     }
@@ -162,28 +187,31 @@ pub fn library(data: &Columns) -> L {
         (0.5 * (least_w + most_w), ["x_from_middle_mm_per_kw", "y_from_middle_mm_per_kw"]),
     ] {
         for axes in ALL {
-            along(&mut l, names, 0.01, axes, move |data, row| {
+            along(l, names, 0.01, axes, move |data, row| {
                 (data.get("power_w")[row] - from_w) / 1000.0
             });
         }
     }
     for axes in ALL {
-        along(&mut l, ["x_mm_per_kw_m", "y_mm_per_kw_m"], 0.1, axes, |data, row| {
+        along(l, ["x_mm_per_kw_m", "y_mm_per_kw_m"], 0.1, axes, |data, row| {
             data.get("power_w")[row] / 1000.0 * data.get("height_mm")[row] / 1000.0
         });
     }
+}
+
+fn camera(l: &mut L, data: &Columns) {
     l.effect(
         words(
             "camera-tilt",
             "the camera looks at the plate at an angle: a larger ring is seen further off",
             "dx and dy against the square of the height, as the ring grows with it",
-            heights,
+            HEIGHTS,
             &["height_mm"],
         ),
-        height,
+        data.needs(&["height_mm"]),
     );
     for axes in ALL {
-        along(&mut l, ["x_per_m", "y_per_m"], 0.01, axes, |data, row| {
+        along(l, ["x_per_m", "y_per_m"], 0.01, axes, |data, row| {
             1e-3 * data.get("height_mm")[row].powi(2)
         });
     }
@@ -199,5 +227,4 @@ pub fn library(data: &Columns) -> L {
             }
         });
     }
-    l
 }

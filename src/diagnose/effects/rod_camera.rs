@@ -15,15 +15,25 @@ fn camera(
     l.form(parameters, move |_, p, errors| errors.iter_mut().for_each(|e| set(&mut e.camera, p)));
 }
 
+/// Captures that show what the camera does.
+const OFF: &str = "the rod in all corners of the frame, with a certified diameter";
+
 /// Adds them, with what `data` cannot test marked.
 pub(super) fn effects(l: &mut L, data: &Rod) {
-    let off = "the rod in all corners of the frame, with a certified diameter";
+    pixels(l);
+    tilt(l);
+    lens(l, data);
+    light(l);
+    shutter(l, data);
+}
+
+fn pixels(l: &mut L) {
     l.effect(
         words(
             "pixel-scale",
             "a pixel is larger than the calibration says",
             "the rod's apparent place against its place in the frame",
-            off,
+            OFF,
         ),
         None,
     );
@@ -36,7 +46,7 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
             "pixel-aspect",
             "pixels are not square",
             "twice round the edge, fixed to the camera",
-            off,
+            OFF,
         ),
         None,
     );
@@ -51,7 +61,7 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
             "camera-rotation",
             "the camera is turned about its axis",
             "the rod's apparent place across its place in the frame",
-            off,
+            OFF,
         ),
         None,
     );
@@ -65,7 +75,7 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
             "camera-shear",
             "the picture's rows and columns are not square to each other",
             "twice round the edge at 45 degrees",
-            off,
+            OFF,
         ),
         None,
     );
@@ -75,12 +85,15 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
         c.linear[1][0] += 0.5e-6 * p[0];
     });
     camera(l, &["rows_um_per_m"], 300.0, |c, p| c.linear[1][0] += p[0] * 1e-6);
+}
+
+fn tilt(l: &mut L) {
     l.effect(
         words(
             "camera-tilt",
             "the camera looks at the plane at an angle (perspective)",
             "scale that changes over the frame",
-            off,
+            OFF,
         ),
         None,
     );
@@ -98,6 +111,9 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
             e.camera.unshortened[1] += p[1] * 1e-3;
         }
     });
+}
+
+fn lens(l: &mut L, data: &Rod) {
     let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".to_owned());
     let wide = "the rod's edge out to the frame's corners";
     let lens_words = |l: &mut L, name, meaning, varies_with: &'static [&'static str]| {
@@ -136,6 +152,9 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
         c.lens[2] += p[0];
         c.lens[3] += p[1];
     });
+}
+
+fn light(l: &mut L) {
     l.effect(
         words(
             "edge-bias-light",
@@ -149,6 +168,9 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
         c.light[0] += p[0] * 1e-3;
         c.light[1] += p[1] * 1e-3;
     });
+}
+
+fn shutter(l: &mut L, data: &Rod) {
     l.effect(
         words(
             "shutter-skew",
