@@ -287,3 +287,52 @@ fn lamps_and_targets_are_no_burns() {
     }));
     assert!(target.is_err(), "{:?}", target.map(|m| m.report.ring.diameter_mm));
 }
+
+/// A spot may be a fiftieth of its ring: it is looked for from nearer. One of several dots is no spot, nor is one of several balls.
+#[test]
+fn a_tiny_spot_is_measured_where_it_is_the_only_one() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(6.3, -4.4);
+    let dotted = |others: &[(f64, f64)], dot_px: f64| {
+        measure(&picture(|p| {
+            let d = p - center;
+            let dots = others.iter().map(|(x, y)| Vector2::new(*x, *y));
+            let is_dot = dots.chain([offset_px]).any(|dot| (d - dot).norm() < dot_px);
+            match (is_dot, d.norm() < 190.0) {
+                (true, _) => 15.0,
+                (false, true) => BURNT + 50.0,
+                (false, false) => PLATE,
+            }
+        }))
+    };
+    for dot_px in [4.6, 6.0, 8.5] {
+        let off_mm = off_mm(&dotted(&[], dot_px).unwrap(), offset_px);
+        assert!(off_mm < 0.001, "{dot_px}: off by {off_mm}");
+    }
+    let spatter = dotted(&[(-30.0, 8.0), (9.0, 33.0), (21.0, -36.0)], 5.0);
+    assert!(spatter.is_err(), "{:?}", spatter.map(|m| m.report.spot.center_px));
+    let balls = dotted(&[(-80.0, 0.0), (40.0, 78.0), (48.0, -76.0), (85.0, 3.0)], 22.0);
+    assert!(balls.is_err(), "{:?}", balls.map(|m| m.report.spot.center_px));
+}
+
+/// A ring that is ragged all round is measured with the interval that this leaves; its form is its own, but for the first wave.
+#[test]
+fn a_ragged_ring_is_measured_as_well_as_it_tells() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(3.3, 2.4);
+    for turn in [0.3, 1.7, 2.9] {
+        let found = measure(&picture(|p| {
+            let d = p - center;
+            let angle = d.y.atan2(d.x);
+            let wave = |k: i32| (f64::from(k) * (angle + turn * f64::from(k))).sin();
+            let ragged = (2..9).map(|k| wave(k) / f64::from(k)).sum::<f64>();
+            let inside = |out: f64| 1.0 / (1.0 + (out / 3.0).exp());
+            let burnt = PLATE + (BURNT - PLATE) * inside(d.norm() - 140.0 * (1.0 + 0.05 * ragged));
+            burnt + (20.0 - burnt) * inside((d - offset_px).norm() - 22.0)
+        }))
+        .unwrap();
+        let (off_mm, u95_mm) = (off_mm(&found, offset_px), found.report.offset.distance_u95_mm);
+        let u95_px = u95_mm / 0.02;
+        assert!(off_mm < u95_mm && (2.0..20.0).contains(&u95_px), "{turn}: {off_mm} ± {u95_mm}");
+    }
+}

@@ -9,11 +9,16 @@ const SIDE_PX: usize = 420;
 /// Blurs (standard deviations in reduced pixels) at which gradients are taken: sharp, soft and very soft edges.
 pub(super) const BLURS: [f64; 3] = [1.0, 2.2, 5.0];
 
+/// Pixels of a part of a picture below which nothing is looked for in it.
+const LEAST_PART: usize = 8;
+
 /// A reduced picture, blurred at several scales.
 #[derive(Debug, Clone)]
 pub struct Look {
     /// How many pixels of the full picture make one here.
     pub factor: usize,
+    /// The full picture's pixel at which it begins: it may be of a part.
+    corner: Vector2<f64>,
     /// The blurred pictures with their blur, sharpest first.
     pub scales: Vec<(f64, Gray<f32>)>,
     /// Typical random difference of neighbouring pixels at the sharpest scale, counts.
@@ -27,24 +32,31 @@ impl Look {
         Self::reduced_by(factor, frame, scales)
     }
 
+    /// The same of what lies within `reach_px` of a place, each way; `None` where hardly any of it is in the picture.
+    pub fn part(frame: &Frame, middle: Vector2<f64>, reach_px: f64, scales: usize) -> Option<Self> {
+        let (part, corner) = frame.part(middle, reach_px);
+        let seen = part.width().min(part.height()) >= LEAST_PART;
+        seen.then(|| Self { corner, ..Self::new(&part, scales) })
+    }
+
     /// Reduces by `factor` and blurs, by the first few of the scales.
     pub fn reduced_by(factor: usize, frame: &Frame, scales: usize) -> Self {
         let base = frame.reduce(factor);
         let noise = texture(&base);
         let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();
-        Self { factor, scales, noise }
+        Self { factor, corner: Vector2::zeros(), scales, noise }
     }
 
     /// Full-picture pixel → reduced pixel.
     pub fn reduced(&self, p: Vector2<f64>) -> Vector2<f64> {
         let k = self.factor as f64;
-        (p - Vector2::repeat((k - 1.0) / 2.0)) / k
+        (p - self.corner - Vector2::repeat((k - 1.0) / 2.0)) / k
     }
 
     /// Reduced pixel → full-picture pixel.
     pub fn full(&self, p: Vector2<f64>) -> Vector2<f64> {
         let k = self.factor as f64;
-        p * k + Vector2::repeat((k - 1.0) / 2.0)
+        p * k + Vector2::repeat((k - 1.0) / 2.0) + self.corner
     }
 
     /// Width and height of the reduced picture.

@@ -11,12 +11,14 @@ mod look;
 mod rays;
 mod refine;
 mod standing;
+mod swings;
 mod votes;
 
 pub(crate) use folds::is_folded;
 pub use look::Look;
 pub(crate) use look::blur;
 pub use standing::{Sides, stands_out};
+pub(crate) use swings::swings_beyond;
 pub(crate) use votes::vote;
 
 use nalgebra::Vector2;
@@ -95,15 +97,12 @@ pub fn circles(look: &Look, options: Options) -> Vec<Candidate> {
 pub fn about(frame: &Frame, center: Vector2<f64>, options: Options) -> Vec<Candidate> {
     /// Reduced pixels, radius and centre together, within which two are one.
     const APART: f64 = 1.5;
-    let (part, corner) = frame.part(center, 1.05 * options.most_radius_px);
-    if part.width().min(part.height()) < LEAST_PART {
+    let Some(look) = Look::part(frame, center, 1.05 * options.most_radius_px, 1) else {
         return Vec::new();
-    }
-    let look = Look::new(&part, 1);
+    };
     let mut found: Vec<Candidate> = Vec::new();
-    for hint in rays::hints_about(&look, look.reduced(center - corner), options) {
-        let Some(mut seen) = rays::nearby(&look, &hint, options) else { continue };
-        seen.circle.center += corner;
+    for hint in rays::hints_about(&look, look.reduced(center), options) {
+        let Some(seen) = rays::nearby(&look, &hint, options) else { continue };
         let near = APART * look.factor as f64;
         if !found.iter().any(|c| c.circle.apart(&seen.circle) < near) {
             found.push(seen);
@@ -111,9 +110,6 @@ pub fn about(frame: &Frame, center: Vector2<f64>, options: Options) -> Vec<Candi
     }
     found
 }
-
-/// Pixels of a part of a picture below which nothing is looked for in it.
-const LEAST_PART: usize = 8;
 
 /// Whether two candidates are one circle seen twice.
 fn same(a: &Candidate, b: &Candidate) -> bool {
@@ -139,7 +135,13 @@ pub fn look(frame: &Frame) -> Look {
     Look::new(frame, look::BLURS.len())
 }
 
-/// The same reduced by about a given factor, for circles that are too small in the other.
+/// A reduced picture of what lies within `reach_px` of a place, for circles that are too small in the whole; `None` where hardly any
+/// of it is in the picture.
+pub fn look_near(frame: &Frame, middle: Vector2<f64>, reach_px: f64) -> Option<Look> {
+    Look::part(frame, middle, reach_px, look::BLURS.len())
+}
+
+/// The whole reduced by about a given factor, for circles that are too small in the other.
 pub fn look_reduced(frame: &Frame, factor: usize) -> Look {
     /// Reduced pixels at most: memory is a few times as many numbers.
     const MOST_PX: f64 = 2e6;

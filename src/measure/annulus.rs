@@ -1,7 +1,7 @@
 //! The ring of a burn test: circles that may be it, and the one that is measured.
 
 use crate::camera::View;
-use crate::find::{Candidate, Look};
+use crate::find::{self, Candidate, Look};
 use crate::frame::Frame;
 use crate::measure::bands::{self, is_as_clear, is_concentric};
 use crate::measure::concentric;
@@ -16,8 +16,15 @@ use crate::measure::spot;
 pub(super) const HALO: f64 = 0.5;
 /// Radius of an annulus' inner edge as a part of the outer one's.
 const INNER: (f64, f64) = (0.5, 0.97);
-/// What a ring must keep to.
+/// What a ring must keep to, and one that is seen all round, to this part: what is ragged all round is a burn, while of texture and of
+/// letters arcs are round.
 const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02, in_all: 0.1 };
+const WHOLE: f64 = 0.9;
+const RAGGED: Limits = Limits { doubt: 0.06, ..RING };
+
+fn limits(ring: &Ring) -> &'static Limits {
+    if ring.arc_coverage > WHOLE { &RAGGED } else { &RING }
+}
 
 /// How much of a mark an edge is: strong, well covered, long; a burn's is as good as a sharper one's unless it is as soft as
 /// the border of a lamp's light.
@@ -64,11 +71,14 @@ fn shares_center(o: &Candidate, c: &Candidate) -> bool {
 }
 
 /// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
-pub(super) fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
+pub(super) fn is_rippled(look: &Look, ring: &Candidate, all: &[Candidate]) -> bool {
     /// Edges about the centre, the ring's own included, with such a part of its step.
     const MOST: (usize, f64) = (6, 0.3);
     /// The same beyond the ring.
     const MOST_BEYOND: (usize, f64) = (1, 0.4);
+    /// Swings of the mean level beyond it, by such a part of its step: a halo has two.
+    const MOST_SWINGS: usize = 4;
+    const SWING: f64 = 0.6;
     let rivals = |part: f64, least_radius_px: f64| {
         let counts = |o: &&Candidate| {
             shares_center(o, ring)
@@ -77,7 +87,9 @@ pub(super) fn is_rippled(ring: &Candidate, all: &[Candidate]) -> bool {
         };
         all.iter().filter(counts).count()
     };
-    rivals(MOST.1, 0.0) > MOST.0 || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
+    rivals(MOST.1, 0.0) > MOST.0
+        || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
+        || find::swings_beyond(look, ring.circle, SWING * ring.step.abs()) > MOST_SWINGS
 }
 
 /// Another ring beside this one, of nearly the same standing or with a spot of its own.
@@ -113,18 +125,32 @@ fn is_texture(ring: &Ring) -> bool {
     ring.arc_coverage < spot::PARTLY && ring.contrast.abs() < DROWNED * ring.noise
 }
 
-/// Measures a ring with the edges about it and its likeliest spot; `None` where it is something else.
+/// Why a circle is not a burn's ring that can be used.
+pub(super) enum Flaw {
+    /// Its edge does not tell where it is.
+    Unsure,
+    /// It is a lamp's reflection.
+    Lamp,
+    /// It is something else.
+    Other,
+}
+
+/// Measures a ring with the edges about it and its likeliest spot.
 pub(super) fn measure(
     frame: &Frame,
     view: &View,
     outer: &Candidate,
     edges: &[Candidate],
     spot: Candidate,
-) -> Option<Ring> {
+) -> Result<Ring, Flaw> {
     let mut others = edges.to_vec();
     others.push(spot);
-    let good = |ring: &Ring| RING.are_kept(ring, view) && !is_polygon(ring) && !is_texture(ring);
-    let ring = measure_candidate(frame, view, outer, &others).filter(good)?;
+    let is_round = |ring: &Ring| RING.allow(ring, view) && !is_polygon(ring) && !is_texture(ring);
+    let ring =
+        measure_candidate(frame, view, outer, &others).filter(is_round).ok_or(Flaw::Other)?;
+    if !limits(&ring).trust(&ring) {
+        return Err(Flaw::Unsure);
+    }
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);
         // Inside an annulus the spot's edge may be the stronger one.
@@ -134,13 +160,17 @@ pub(super) fn measure(
     };
     let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
         let is_inner = (INNER.0..0.98).contains(&(inner.circle.radius / ring.circle.radius));
-        good(inner) && is_inner && inner.contrast * ring.contrast < 0.0
+        is_round(inner)
+            && limits(inner).trust(inner)
+            && is_inner
+            && inner.contrast * ring.contrast < 0.0
     });
     let ring = match inner {
         Some(inner) => concentric::join(ring, &inner),
         None => ring,
     };
-    Some(ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm()))
+    let ring = ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm());
+    if is_lamp(&ring) { Err(Flaw::Lamp) } else { Ok(ring) }
 }
 
 /// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.
@@ -159,6 +189,6 @@ fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
 }
 
 /// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips.
-pub(super) fn is_lamp(ring: &Ring) -> bool {
+fn is_lamp(ring: &Ring) -> bool {
     ring.clipped_inside && ring.softness_px > SHARP_PX
 }

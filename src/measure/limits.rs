@@ -20,8 +20,13 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// Whether what was measured is a circle with some ragged edge rather than something else.
+    /// Whether what was measured is a circle with some ragged edge rather than something else, and tells where it is.
     pub fn are_kept(&self, ring: &Ring, view: &View) -> bool {
+        self.allow(ring, view) && self.trust(ring)
+    }
+
+    /// Whether it is a circle.
+    pub fn allow(&self, ring: &Ring, view: &View) -> bool {
         let radius_mm = ring.circle.radius;
         let softness = ring.softness_px * view.pixel_mm() / radius_mm;
         let whole = ring.arc_coverage > WHOLE;
@@ -31,7 +36,12 @@ impl Limits {
         !glare
             && ring.arc_coverage >= self.coverage
             && form2.max(0.0).sqrt() < self.form * ring.arc_coverage.powi(2) * radius_mm
-            && ring.fitted_sd_mm < self.doubt * radius_mm
+    }
+
+    /// Whether it tells where it is.
+    pub fn trust(&self, ring: &Ring) -> bool {
+        let radius_mm = ring.circle.radius;
+        ring.fitted_sd_mm < self.doubt * radius_mm
             && ring.center_covariance().trace().sqrt() < self.in_all * radius_mm
     }
 }

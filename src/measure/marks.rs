@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::annulus::{self, HALO};
+use crate::measure::annulus::{self, Flaw, HALO};
 use crate::measure::bands::is_concentric;
 use crate::measure::limits::is_steady;
 use crate::measure::ring::Ring;
@@ -34,7 +34,7 @@ pub(super) fn measure(
     let rings = annulus::candidates(&scene.steady, 0.06 * longer_side(frame));
     let mut tried = Tried::default();
     for outer in rings.iter().take(TRIES) {
-        if tried.rule_out(outer) {
+        if tried.rules_out(outer) {
             continue;
         }
         match scene.attempt(outer, &rings) {
@@ -50,11 +50,7 @@ pub(super) fn measure(
                 tried.rippled = true;
                 tried.refused.push(outer);
             }
-            Attempt::Lamp => {
-                tried.lamps.push(outer);
-                tried.refused.push(outer);
-            }
-            Attempt::NoBurn => tried.refused.push(outer),
+            Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
         }
     }
     Err(tried.error(subject))
@@ -88,10 +84,8 @@ enum Attempt {
     UnclearSpot,
     /// One of many bands.
     Ripples,
-    /// A lamp's reflection.
-    Lamp,
-    /// Something else.
-    NoBurn,
+    /// Something else, or a ring that does not tell where it is.
+    Flawed(Flaw),
 }
 
 impl<'a> Scene<'a> {
@@ -112,19 +106,23 @@ impl<'a> Scene<'a> {
 
     /// Looks for a spot in what may be one of the `rings`, and measures both.
     fn attempt(&self, outer: &Candidate, rings: &[Candidate]) -> Attempt {
-        if !self.stands_out(outer, outer, Sides::Edge) {
+        if !self.stands_out(&self.look, outer, outer, Sides::Edge) {
             return Attempt::Surface;
         }
         if find::is_folded(&self.look, outer) {
-            return Attempt::NoBurn;
+            return Attempt::Flawed(Flaw::Other);
         }
-        if annulus::is_rippled(outer, &self.steady) {
+        if annulus::is_rippled(&self.look, outer, &self.steady) {
             return Attempt::Ripples;
         }
         let edges: Vec<Candidate> =
             self.steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
-        let spots_at = |place| (place, spot::candidates(&self.look, outer, &edges, place));
-        let mut looks = spot::PLACES.iter().map(spots_at).filter(|(_, s)| !s.is_empty()).peekable();
+        let spots_at = |place: &'static spot::Place| {
+            let near = place.look_near(self.frame, outer);
+            let spots = spot::candidates(near.as_ref().unwrap_or(&self.look), outer, &edges, place);
+            (!spots.is_empty()).then_some((place, near, spots))
+        };
+        let mut looks = spot::PLACES.iter().filter_map(spots_at).peekable();
         if looks.peek().is_none() {
             return Attempt::NoSpot;
         }
@@ -133,27 +131,32 @@ impl<'a> Scene<'a> {
         {
             return Attempt::SecondBurn(*other);
         }
-        let mut otherwise = Attempt::NoBurn;
-        for (place, spots) in looks {
-            let measured = annulus::measure(self.frame, self.view, outer, &edges, spots[0]);
-            let Some(ring) = measured else { break };
-            if annulus::is_lamp(&ring) {
-                return Attempt::Lamp;
+        let mut attempt = Attempt::Flawed(Flaw::Other);
+        for (place, near, spots) in looks {
+            if spot::has_rivals(place, &spots) {
+                return Attempt::UnclearSpot;
             }
+            let look = near.as_ref().unwrap_or(&self.look);
+            let ring = match annulus::measure(self.frame, self.view, outer, &edges, spots[0]) {
+                Ok(ring) => ring,
+                Err(_) if matches!(attempt, Attempt::UnclearSpot) => break,
+                Err(flaw) => return Attempt::Flawed(flaw),
+            };
             let (frame, view) = (self.frame, self.view);
             let inside = spot::Inside { frame, view, ring: &ring, edges: &edges, place };
-            let clear = spots.iter().filter(|s| self.stands_out(s, outer, Sides::Disc)).take(TRIES);
+            let clear =
+                spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
                 let warnings = warnings(&ring, &spot);
                 return Attempt::Both(Box::new((ring, spot, warnings)));
             }
-            otherwise = Attempt::UnclearSpot;
+            attempt = Attempt::UnclearSpot;
         }
-        otherwise
+        attempt
     }
 
     /// Whether a mark stands out from its surface, clear of what is a mark beside the ring `outer`.
-    fn stands_out(&self, c: &Candidate, outer: &Candidate, sides: Sides) -> bool {
+    fn stands_out(&self, look: &Look, c: &Candidate, outer: &Candidate, sides: Sides) -> bool {
         let least_step = 0.3 * outer.step.abs();
         // What runs along ring and spot in turn looks like a circle too: beside a clear spot it is no mark.
         let is_mark = |e: &&Candidate| {
@@ -163,7 +166,7 @@ impl<'a> Scene<'a> {
         let others = (self.steady.iter().filter(is_mark))
             .filter(|e| e.step.abs() > least_step && !alike(e, c));
         let others: Vec<Circle> = others.map(|e| e.circle).collect();
-        find::stands_out(&self.look, c, sides, &others) == Some(true)
+        find::stands_out(look, c, sides, &others) == Some(true)
     }
 }
 
@@ -178,6 +181,8 @@ struct Tried<'a> {
     lamps: Vec<&'a Candidate>,
     /// Whether there are ripples or bands of tint.
     rippled: bool,
+    /// Whether a ring does not tell where it is.
+    unsure: bool,
 }
 
 impl<'a> Tried<'a> {
@@ -185,19 +190,25 @@ impl<'a> Tried<'a> {
         self.lone_step = self.lone_step.max(ring.step.abs());
     }
 
+    fn refuse(&mut self, c: &'a Candidate, flaw: Flaw) {
+        match flaw {
+            Flaw::Unsure => self.unsure = true,
+            Flaw::Lamp => self.lamps.push(c),
+            Flaw::Other => {}
+        }
+        self.refused.push(c);
+    }
+
     /// Whether what was tried before says that a circle is no ring.
-    fn rule_out(&mut self, c: &'a Candidate) -> bool {
+    fn rules_out(&self, c: &Candidate) -> bool {
         // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
         let clearest = self.refused.iter().map(|r| r.step.abs()).fold(self.lone_step, f64::max);
         if c.step.abs() < FAINT * clearest {
             return true;
         }
         let is_halo = |r: &&Candidate| is_concentric(r, c) && c.step.abs() < HALO * r.step.abs();
-        if self.refused.iter().any(is_halo) {
-            self.rippled = true;
-            return true;
-        }
-        self.lamps.iter().any(|l| l.circle.distance(c.circle.center) < 0.0)
+        self.refused.iter().any(is_halo)
+            || self.lamps.iter().any(|l| l.circle.distance(c.circle.center) < 0.0)
     }
 
     /// What to tell the user.
@@ -211,6 +222,11 @@ impl<'a> Tried<'a> {
             (
                 "the circle about the likeliest spot is soft and as bright as the camera can tell: a lamp's reflection, or a burn that is overexposed",
                 "shade the lamp or move it, and expose less",
+            )
+        } else if self.unsure {
+            (
+                "a ring was found, but its edge is so ragged, or so lost in its surface, that it does not tell where the ring's centre is",
+                "burn on a smoother plate, or light and expose so that the burn stands out more",
             )
         } else if self.rippled {
             (

@@ -20,18 +20,22 @@ pub(super) struct Place {
     radii: (f64, f64),
     /// Radii of spots as measured: beyond is the inner edge of an annulus, or a ripple.
     measured: (f64, f64),
+    /// Whether it takes a nearer look than the whole picture's.
+    pub(super) near: bool,
 }
 
-/// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, and a large one.
-pub(super) const PLACES: [Place; 3] = [
-    Place { reach: 0.7, radii: (0.05, 0.45), measured: (0.0, 0.36) },
-    Place { reach: 0.9, radii: (0.05, 0.45), measured: (0.0, 0.36) },
-    Place { reach: 0.5, radii: (0.3, 0.75), measured: (0.3, 0.7) },
+/// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, a large one, and a tiny one in
+/// the middle.
+pub(super) const PLACES: [Place; 4] = [
+    Place { reach: 0.7, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
+    Place { reach: 0.9, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
+    Place { reach: 0.5, radii: (0.3, 0.75), measured: (0.3, 0.7), near: false },
+    Place { reach: 0.3, radii: (0.02, 0.07), measured: (0.0, 0.1), near: true },
 ];
 /// A large one is as sharp as the ring, to a pixel, as the ring's own zones are softer, and burnt as the ring is: its softness and its
 /// step as parts of the ring's.
 const LARGE: (f64, f64) = (1.1, 0.25);
-/// Far out or large it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
+/// Far out, large or tiny it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
 const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
 const OWN: (f64, f64) = (0.3, 0.03);
@@ -60,12 +64,22 @@ const NEARBY: [f64; 2] = [4.0, 2.5];
 /// What a spot must keep to, and one that is seen in part or faint.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
-/// Of ring and spot one at least is seen to this part, unless ...
+/// Of ring and spot one at least is seen to this part, the ring if the spot is tiny, unless ...
 pub(super) const PARTLY: f64 = 0.8;
 /// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
 const GAP_RAD: f64 = 0.15;
+
+impl Place {
+    /// A nearer look at it, where that is what it takes.
+    pub(super) fn look_near(&self, frame: &Frame, outer: &Candidate) -> Option<Look> {
+        /// A spot's surroundings, in its largest radii.
+        const AROUND: f64 = 3.0;
+        let reach_px = (self.reach + AROUND * self.radii.1) * outer.circle.radius;
+        self.near.then(|| find::look_near(frame, outer.circle.center, reach_px)).flatten()
+    }
+}
 
 /// Circles inside a ring, at a place, that may be its spot, best first.
 pub(super) fn candidates(
@@ -116,7 +130,7 @@ pub(super) fn candidates(
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
-                && (is_usual(c) || c.coverage > WHOLE)
+                && (is_usual(c) && !place.near || c.coverage > WHOLE)
                 && !is_rings_own(c)
                 && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
                 && c.step.abs() > LEAST_STEP * outer.step.abs()
@@ -124,6 +138,25 @@ pub(super) fn candidates(
         .collect();
     spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     spots
+}
+
+/// Whether others look like the likeliest spot: spatter, balls and strands are many, the spot is one.
+pub(super) fn has_rivals(place: &Place, spots: &[Candidate]) -> bool {
+    /// Score, size and step as parts of the spot's.
+    const CLEAR: f64 = 0.6;
+    const SIZE: std::ops::Range<f64> = 0.75..1.35;
+    const STEP: std::ops::Range<f64> = 0.6..1.6;
+    let Some((spot, others)) = spots.split_first() else { return false };
+    let is_rival = |c: &&Candidate| {
+        let apart = (c.circle.center - spot.circle.center).norm();
+        c.score > CLEAR * spot.score
+            && apart > c.circle.radius + spot.circle.radius
+            && SIZE.contains(&(c.circle.radius / spot.circle.radius))
+            && STEP.contains(&(c.step / spot.step))
+    };
+    // Two may be glares or dirt; of dots any other says that they are many.
+    let most = if place.near { 0 } else { 2 };
+    others.iter().filter(is_rival).count() > most
 }
 
 /// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter, as is one far less clear.
@@ -278,7 +311,7 @@ impl Inside<'_> {
             && !self.is_glare(found)
             && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
             && !is_rings_own
-            && !(in_part && self.ring.arc_coverage < PARTLY)
+            && !((in_part || self.place.near) && self.ring.arc_coverage < PARTLY)
             && !is_polygon(found)
             && !strayed(found, rough)
     }
