@@ -71,8 +71,8 @@ pub struct Fit {
     pub influence: DMatrix<f64>,
     /// Residual covariance at the most likely grid point (n × n).
     pub row_covariance: DMatrix<f64>,
-    /// What part of every coefficient's variance wander makes, at the most likely grid point.
-    pub by_wander: Vec<f64>,
+    /// The part of that which wander makes.
+    pub wander_covariance: DMatrix<f64>,
     /// Probability that groups are displaced at all.
     pub displaced: f64,
     /// Most likely standard deviation of a displacement, in x as in y.
@@ -192,9 +192,6 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     row_covariance *= best.scale;
     let solved = row_covariance.clone().cholesky()?.solve(&rows.design);
     let influence = rows.design.tr_mul(&solved).try_inverse()? * solved.transpose();
-    let variances = |c: &DMatrix<f64>| (&influence * c * influence.transpose()).diagonal();
-    let of_wander = variances(&wander_covariance) * best.scale;
-    let by_wander = of_wander.component_div(&variances(&row_covariance));
     Some(Fit {
         beta,
         covariance,
@@ -204,7 +201,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         wander,
         influence,
         row_covariance,
-        by_wander: by_wander.iter().map(|part| part.clamp(0.0, 1.0)).collect(),
+        wander_covariance: wander_covariance * best.scale,
         displaced: displaced / total,
         displacement_sd: (best.displacement * best.scale).sqrt(),
         moved,

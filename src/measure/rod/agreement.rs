@@ -2,7 +2,8 @@
 
 use nalgebra::{Rotation2, Vector2};
 
-use super::joint::{Arc, Axis, Joint, Refined};
+use super::axis::Axis;
+use super::joint::{Arc, Joint, Refined};
 use super::{Capture, CaptureReport, EdgePoint, Options};
 use crate::error::{Error, Result};
 use crate::fit::robust::scatter;
@@ -86,7 +87,7 @@ pub(super) fn turn_together(
 ) -> Result<()> {
     let misses = centers.iter().zip(c_deg).map(|(center, c_deg)| {
         let turn = Rotation2::new((c_sense * c_deg).to_radians());
-        ((center - axis.center - turn * axis.eccentricity).norm(), c_deg)
+        ((center - axis.known.pair(0) - turn * axis.known.pair(2)).norm(), c_deg)
     });
     let worst = misses.max_by(|a, b| a.0.total_cmp(&b.0));
     match worst {
@@ -203,6 +204,40 @@ fn local_scatter(points: &[EdgePoint]) -> f64 {
     scatter(&mut steps) / 2.0f64.sqrt()
 }
 
+/// Sectors of the rim.
+const SECTORS: usize = 72;
+
+/// Which sectors some arcs show: those that are turned back by an angle, degrees.
+fn sectors(
+    arcs: &[Arc],
+    robust: &Joint,
+    turned_deg: impl Fn(&Arc) -> Option<f64>,
+) -> [bool; SECTORS] {
+    let mut seen = [false; SECTORS];
+    for (arc, weights) in arcs.iter().zip(&robust.weights) {
+        let Some(deg) = turned_deg(arc) else { continue };
+        for i in (0..weights.len()).filter(|i| weights[*i] > 0.0) {
+            let q = arc.machine(i) - robust.centers[arc.angle];
+            let turn = (q.y.atan2(q.x) / std::f64::consts::TAU - deg / 360.0).rem_euclid(1.0);
+            seen[((turn * SECTORS as f64) as usize).min(SECTORS - 1)] = true;
+        }
+    }
+    seen
+}
+
+/// At how many more table angles what one shows of the rim is seen: its form is the same there and does not average out.
+pub(super) fn seen_again(arcs: &[Arc], robust: &Joint, c_deg: &[f64], c_sense: f64) -> f64 {
+    let mut times = [0u32; SECTORS];
+    for (angle, c_deg) in c_deg.iter().enumerate() {
+        let own = |arc: &Arc| (arc.angle == angle).then_some(c_sense * c_deg);
+        let seen = sectors(arcs, robust, own);
+        times.iter_mut().zip(seen).for_each(|(times, seen)| *times += u32::from(seen));
+    }
+    let all: u32 = times.iter().sum();
+    let again: u32 = times.iter().map(|times| times * times.saturating_sub(1)).sum();
+    f64::from(again) / f64::from(all.max(1))
+}
+
 /// Says so where the arcs seen from one table angle cover too little of the rim for a free radius.
 pub(super) fn arcs_seen(
     arcs: &[Arc],
@@ -210,18 +245,10 @@ pub(super) fn arcs_seen(
     options: &Options,
     warnings: &mut Vec<String>,
 ) {
-    let mut seen = [false; 72];
-    for (k, arc) in arcs.iter().enumerate() {
-        for i in 0..arc.points.place_mm.len() {
-            if robust.weights[k][i] > 0.0 {
-                let q = arc.machine(i) - robust.centers[arc.angle];
-                let turn = (q.y.atan2(q.x) / std::f64::consts::TAU + 1.0).fract();
-                seen[((turn * 72.0) as usize).min(71)] = true;
-            }
-        }
-    }
+    let seen = sectors(arcs, robust, |_| Some(0.0));
     let twice: Vec<bool> = seen.iter().chain(&seen).copied().collect();
-    let gap = twice.split(|s| *s).map(<[bool]>::len).max().unwrap_or(0).min(72) as f64 * 5.0;
+    let gap = twice.split(|s| *s).map(<[bool]>::len).max().unwrap_or(0).min(SECTORS) as f64 * 360.0
+        / SECTORS as f64;
     if gap > 240.0 && options.diameter_mm.is_none() {
         warnings.push(format!(
             "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",

@@ -13,6 +13,9 @@ use crate::measure::rod::{Capture, Report};
 /// Circles at two table angles that differ by more are not those of one rod.
 const ONE_ROD_MM: f64 = 0.05;
 
+/// The same of single arcs, as a part of the radius.
+const ONE_ARC: f64 = 0.05;
+
 /// What circles are sought in.
 pub(super) struct Attempts<'a> {
     captures: &'a [Capture],
@@ -70,20 +73,33 @@ impl<'a> Attempts<'a> {
     /// shows none or they are not of one size.
     pub(super) fn apart(&self) -> Option<Found> {
         let angles = self.angle_of.iter().max()? + 1;
-        let seen_often = |angle: usize| self.angle_of.iter().filter(|a| **a == angle).count() > 1;
-        if angles < 2 || !(0..angles).all(seen_often) {
+        let own = |angle: usize| {
+            let all = self.captures.iter().zip(self.angle_of);
+            all.filter(move |(_, a)| **a == angle).map(|(capture, _)| capture)
+        };
+        if angles < 2 {
             return None;
         }
         let found = |angle| {
             let about = *self.likely_in(Some(angle)).first()?;
             outer::rim(self.seen(Some(angle)), about, self.nominal_mm)
         };
-        let mut each = (0..angles).map(found).collect::<Option<Vec<Found>>>()?;
-        let centers = each.iter().enumerate().map(|(angle, found)| found.centers[angle]).collect();
-        each.sort_by(|a, b| a.radius_mm.total_cmp(&b.radius_mm));
-        let middle = each.swap_remove(angles / 2);
-        let alike = each.iter().all(|f| (f.radius_mm - middle.radius_mm).abs() < ONE_ROD_MM);
-        alike.then_some(Found { centers, ..middle })
+        let each = (0..angles).map(found).collect::<Option<Vec<Found>>>()?;
+        let mut radii: Vec<f64> = each.iter().map(|found| found.radius_mm).collect();
+        radii.sort_by(f64::total_cmp);
+        let radius_mm = radii[angles / 2];
+        let centers = each.iter().enumerate().map(|(angle, found)| {
+            let (center, larger) = (found.centers[angle], found.radius_mm - radius_mm);
+            let often = own(angle).count() > 1;
+            let most = if often { ONE_ROD_MM } else { ONE_ARC * radius_mm };
+            // A single arc hardly tells a larger radius from a centre farther away: the arc stays where it is.
+            let arc = own(angle).next()?.position_mm - center;
+            let moved = if often { Vector2::zeros() } else { arc.normalize() * larger };
+            (larger.abs() < most).then_some(center + moved)
+        });
+        let centers = centers.collect::<Option<Vec<_>>>()?;
+        let middle = each.into_iter().find(|found| found.radius_mm == radius_mm)?;
+        Some(Found { centers, ..middle })
     }
 
     /// Likely circles in the captures of one table angle `only` or in all.

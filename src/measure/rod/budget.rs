@@ -13,7 +13,7 @@ pub(super) struct Sources<'f> {
     pub groups: &'f [usize],
     /// The picture of each arc.
     pub images: Vec<&'f str>,
-    /// From the centres to the axis (2 × 2n).
+    /// From the fit's coefficients to the axis and the radius (3 × (2n + 1)).
     pub gain: DMatrix<f64>,
     /// Weight and standard uncertainty of the nominal radius, where it is used.
     pub nominal: Option<(f64, f64)>,
@@ -26,20 +26,17 @@ pub(super) struct Sources<'f> {
 impl Sources<'_> {
     /// The budgets, scaled to the half-widths that the result states.
     pub fn budget(&self, axis_u95_mm: [f64; 2], diameter_u95_mm: f64) -> Vec<Contribution> {
-        let last = self.fit.beta.len() - 1;
         let (nominal_weight, nominal_u_mm) = self.nominal.unwrap_or((0.0, 0.0));
         let (mut axis, mut diameter) = (Vec::new(), Vec::new());
         for rows in groups(self.groups) {
             let (start, count) = (rows.start, rows.len());
             let image = self.images[self.groups[start]];
-            let influence = self.fit.influence.columns(start, count);
+            let influence = &self.gain * self.fit.influence.columns(start, count);
             let noise = self.fit.row_covariance.view((start, start), (count, count));
-            let part = influence * noise * influence.transpose();
-            let center = &self.gain * part.view((0, 0), (last, last)) * self.gain.transpose();
+            let part = (&influence * noise * influence.transpose()).diagonal();
             let source = format!("edge in {image}");
-            axis.push((source.clone(), (0.5 * center.trace()).max(0.0).sqrt()));
-            let radius = part[(last, last)].max(0.0).sqrt();
-            diameter.push((source, 2.0 * (1.0 - nominal_weight) * radius));
+            axis.push((source.clone(), (0.5 * (part[0] + part[1])).max(0.0).sqrt()));
+            diameter.push((source, 2.0 * part[2].max(0.0).sqrt()));
         }
         axis.push(("light's slope".to_owned(), self.light_mm));
         diameter.push(("the rim's profile".to_owned(), 2.0 * (1.0 - nominal_weight) * self.rim_mm));

@@ -2,14 +2,17 @@
 
 use nalgebra::{DMatrix, Vector2};
 
+use super::axis::{self, Axis, Known};
 use super::follow::Followed;
-use super::joint::{self, Arc, Axis};
+use super::joint::{self, Arc, Joint};
+use super::light::Shift;
 use super::turned::turned_mm;
 use super::{Capture, Measured, Options, Report, RodCenter, agreement, budget};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
+use crate::fit::correlated::Fit;
 use crate::measure::points::Points;
-use crate::uncertainty::{K95, k95};
+use crate::uncertainty::{self, k95};
 
 /// The answer from a rim's edge in all captures.
 pub(super) fn finish(
@@ -17,10 +20,10 @@ pub(super) fn finish(
     options: &Options,
     c_deg: &[f64],
     angle_of: &[usize],
-    Followed { arcs, robust, shift }: &Followed,
+    Followed { arcs, robust, shift, bow }: &Followed,
 ) -> Result<Measured> {
     let angles = c_deg.len();
-    let refined = joint::refine(arcs, angles, robust).ok_or_else(|| {
+    let refined = joint::refine(arcs, angles, robust, bow).ok_or_else(|| {
         Error::measure(
             "captures",
             "the arcs do not determine a circle",
@@ -29,43 +32,41 @@ pub(super) fn finish(
     })?;
     let fit = &refined.fit;
     let mut warnings = Vec::new();
-    let mut beta = fit.beta.clone();
-    let mut covariance = fit.covariance.clone();
-    let last = 2 * angles;
-    for (a, b) in (0..angles).flat_map(|a| (0..angles).map(move |b| (a, b))) {
-        let mut part = covariance.fixed_view_mut::<2, 2>(2 * a, 2 * b);
-        part += shift.covariance;
+    let blur_mm = mean(arcs, blurred_radius);
+    let mut rod = free(fit, robust, shift, blur_mm);
+    let free_centers = centers(&rod, angles);
+    let mut axis = if angles > 1 {
+        find_axis(&rod, &free_centers, c_deg, options, &mut warnings)?
+    } else {
+        None
+    };
+    if let Some(axis) = &axis {
+        rod.take_radius(&axis.known);
     }
-    // Every table angle shows the same rim: its form does not average out over them.
-    covariance[(last, last)] *= 1.0 + (angles - 1) as f64 * fit.by_wander[last];
+    let form = agreement::seen_again(arcs, robust, c_deg, options.c_sense) * wander(fit, &rod);
     let rim_mm = mean(arcs, |p| joint::RADIUS_PX.hypot(p.located.step.rim_sd_px) * p.pixel_mm)
         .hypot(turned_mm(arcs));
-    covariance[(last, last)] += rim_mm * rim_mm;
-    let blur_mm = mean(arcs, blurred_radius);
+    let mut all = vec![&mut rod];
+    all.extend(axis.as_mut().map(|axis| &mut axis.known));
+    all.iter_mut().for_each(|known| known.widen_radius(form + rim_mm * rim_mm));
     let mut nominal = None;
     if let Some(d) = options.diameter_mm {
         // The nominal radius as one more observation.
-        let gap = 0.5 * d - (robust.radius + beta[last] + blur_mm);
         let variance = (0.5 * options.diameter_u_mm).powi(2);
-        let total = covariance[(last, last)] + variance;
-        if gap.abs() > 3.0 * total.sqrt() {
+        let total = all[0].radius_variance() + variance;
+        if (0.5 * d - all[0].radius()).abs() > 3.0 * total.sqrt() {
             warnings.push(format!(
                 "the rod measures {:.4} mm, not the nominal {d} mm: the nominal value was not used",
-                2.0 * (robust.radius + beta[last] + blur_mm)
+                2.0 * all[0].radius()
             ));
         } else {
-            nominal = Some((covariance[(last, last)] / total, variance.sqrt()));
-            let gain = covariance.column(last) / total;
-            beta += &gain * gap;
-            covariance -= &gain * gain.transpose() * total;
+            nominal = Some((all[0].radius_variance() / total, variance.sqrt()));
+            all.iter_mut().for_each(|known| known.observe_radius(0.5 * d, variance));
         }
     }
     let factor = k95(fit.dof);
-    let centers: Vec<Vector2<f64>> = (0..angles)
-        .map(|a| robust.centers[a] + Vector2::new(beta[2 * a], beta[2 * a + 1]) + shift.mm)
-        .collect();
-    let center_covariance: DMatrix<f64> = covariance.view((0, 0), (last, last)).into_owned();
-    let u = |i: usize| factor * covariance[(i, i)].max(0.0).sqrt();
+    let centers = centers(&rod, angles);
+    let u = |i: usize| factor * rod.covariance[(i, i)].max(0.0).sqrt();
     let rod_centers = (0..angles)
         .map(|a| RodCenter {
             c_deg: c_deg[a],
@@ -73,14 +74,10 @@ pub(super) fn finish(
             center_u95_mm: [u(2 * a), u(2 * a + 1)],
         })
         .collect();
-    let axis = if angles > 1 {
-        find_axis(&centers, &center_covariance, c_deg, options, &mut warnings)?
-    } else {
-        None
-    };
     let (axis_center, axis_u95) = match &axis {
-        Some((axis, k)) => {
-            (axis.center, [k * axis.covariance[(0, 0)].sqrt(), k * axis.covariance[(1, 1)].sqrt()])
+        Some(axis) => {
+            let u95 = |i| k95(axis.dof_of(i)) * axis.known.covariance[(i, i)].max(0.0).sqrt();
+            (axis.known.pair(0), [0, 1].map(u95))
         }
         None => {
             warnings.push(
@@ -90,9 +87,11 @@ pub(super) fn finish(
             (centers[0], [u(0), u(1)])
         }
     };
-    let radius = robust.radius + beta[last] + blur_mm;
+    let radius = rod.radius();
+    let radius_dof = axis.as_ref().map_or(fit.dof, |axis| axis.dof_of(4).min(fit.dof));
+    let diameter_u95_mm = 2.0 * k95(radius_dof) * rod.radius_variance().max(0.0).sqrt();
     let (points, captures_report) =
-        agreement::residuals(captures, arcs, robust, &centers, robust.radius + beta[last]);
+        agreement::residuals(captures, arcs, robust, &centers, radius - blur_mm);
     agreement::check(&refined, &points, &captures_report)?;
     agreement::angles_seen(&captures_report, angle_of, c_deg)?;
     agreement::arcs_seen(arcs, robust, options, &mut warnings);
@@ -101,14 +100,12 @@ pub(super) fn finish(
         fit,
         groups: &refined.groups,
         images: arcs.iter().map(|a| captures[a.capture].image.as_str()).collect(),
-        gain: axis
-            .as_ref()
-            .map_or_else(|| DMatrix::identity(2, 2 * angles), |(axis, _)| axis.gain.clone()),
+        gain: axis.as_ref().map_or(&rod, |axis| &axis.known).first_and_radius(),
         nominal,
         rim_mm,
         light_mm: (0.5 * shift.covariance.trace()).sqrt(),
     };
-    let budget = sources.budget(axis_u95, 2.0 * u(last));
+    let budget = sources.budget(axis_u95, diameter_u95_mm);
     let circles =
         arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
     Ok(Measured {
@@ -116,19 +113,14 @@ pub(super) fn finish(
             rod_centers,
             axis_center_mm: axis_center.into(),
             axis_center_u95_mm: axis_u95,
-            eccentricity_mm: axis.as_ref().map(|(a, _)| a.eccentricity.norm()),
-            eccentricity_u95_mm: axis.as_ref().map(|(a, k)| {
-                crate::uncertainty::distance(
-                    a.eccentricity,
-                    a.eccentricity_covariance,
-                    f64::INFINITY,
-                )
-                .1 * k
-                    / K95
+            eccentricity_mm: axis.as_ref().map(|a| a.known.pair(2).norm()),
+            eccentricity_u95_mm: axis.as_ref().map(|a| {
+                let dof = a.dof_of(2).min(a.dof_of(3));
+                uncertainty::distance(a.known.pair(2), a.known.pair_covariance(2), dof).1
             }),
             axis_separated: axis.is_some(),
             diameter_mm: 2.0 * radius,
-            diameter_u95_mm: 2.0 * u(last),
+            diameter_u95_mm,
             form_rms_mm: refined.form_mm,
             position_scatter_mm: refined.position_scatter_mm(),
             captures: captures_report,
@@ -140,21 +132,52 @@ pub(super) fn finish(
     })
 }
 
-/// The axis and the coverage factor of its covariance.
+/// Centres and radius as the edge points tell them, every table angle by itself.
+fn free(fit: &Fit, robust: &Joint, shift: &Shift, blur_mm: f64) -> Known {
+    let n = fit.beta.len();
+    let mut known = Known {
+        values: fit.beta.clone(),
+        covariance: fit.covariance.clone(),
+        gain: DMatrix::identity(n, n),
+    };
+    for (a, center) in robust.centers.iter().enumerate() {
+        let mut own = known.values.fixed_rows_mut::<2>(2 * a);
+        own += center + shift.mm;
+        for b in 0..robust.centers.len() {
+            let mut part = known.covariance.fixed_view_mut::<2, 2>(2 * a, 2 * b);
+            part += shift.covariance;
+        }
+    }
+    known.values[n - 1] += robust.radius + blur_mm;
+    known
+}
+
+fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {
+    (0..angles).map(|a| rod.pair(2 * a)).collect()
+}
+
+/// The part of the radius' variance that wander of the rim makes.
+fn wander(fit: &Fit, rod: &Known) -> f64 {
+    let rows = rod.gain.row(rod.values.len() - 1) * &fit.influence;
+    let of = |covariance: &DMatrix<f64>| (&rows * covariance * rows.transpose())[(0, 0)];
+    let share = of(&fit.wander_covariance) / of(&fit.row_covariance);
+    share.clamp(0.0, 1.0) * rod.radius_variance()
+}
+
+/// The axis. Centres that scatter on no circle about it are refused.
 fn find_axis(
+    rod: &Known,
     centers: &[Vector2<f64>],
-    covariance: &DMatrix<f64>,
     c_deg: &[f64],
     options: &Options,
     warnings: &mut Vec<String>,
-) -> Result<Option<(Axis, f64)>> {
-    let Some(axis) = joint::axis(centers, covariance, c_deg, options.c_sense) else {
+) -> Result<Option<Axis>> {
+    let Some(axis) = axis::axis(rod, c_deg, options.c_sense) else {
         return Ok(None);
     };
     if axis.dof > 0 {
-        // Centres that scatter more than their uncertainties: the axis is no better known than they agree.
         let excess = (axis.chi2 / axis.dof as f64).sqrt();
-        if let Some(other) = joint::axis(centers, covariance, c_deg, -options.c_sense)
+        if let Some(other) = axis::axis(rod, c_deg, -options.c_sense)
             && axis.chi2 > other.chi2 + 20.0
             && axis.chi2 > 5.0 * other.chi2
         {
@@ -167,12 +190,8 @@ fn find_axis(
         } else {
             agreement::turn_together(&axis, excess, centers, c_deg, options.c_sense)?;
         }
-        if axis.excess > 1.5 {
-            let factor = K95 * axis.excess;
-            return Ok(Some((axis, factor)));
-        }
     }
-    Ok(Some((axis, K95)))
+    Ok(Some(axis))
 }
 
 /// σ²/2R: a blurred rim's half level lies that much inside.

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 
 use super::Capture;
 use super::joint::{self, Arc, Joint};
-use super::light::{Light, Shift};
+use super::light::{Bow, Light, Shift};
 use super::outer::Found;
 use crate::camera::View;
 use crate::error::{Error, Result};
@@ -20,6 +20,8 @@ pub(super) struct Followed {
     pub robust: Joint,
     /// How far the light moves it.
     pub shift: Shift,
+    /// How far light that fades towards the corners bends it.
+    pub bow: Bow,
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.
@@ -84,5 +86,6 @@ pub(super) fn follow(
         })?;
     }
     let shift = light.map(|light| light.shift(&arcs, &frames[0].1)).unwrap_or_default();
-    Ok(Followed { arcs, robust: guess, shift })
+    let bow = Bow::of(&frames[0].1);
+    Ok(Followed { arcs, robust: guess, shift, bow })
 }

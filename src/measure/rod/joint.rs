@@ -1,11 +1,11 @@
-//! One radius and one centre per table angle through the edge points of all captures; then the C axis.
+//! One radius and one centre per table angle through the edge points of all captures.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{DMatrix, DVector, Vector2};
 
+use super::light::Bow;
 use crate::fit::Circle;
 use crate::fit::circle::tukey;
 use crate::fit::correlated::{self, Fit, Rows};
-use crate::fit::least_squares;
 use crate::fit::robust::{median, scatter};
 use crate::measure::points::Points;
 use crate::measure::rows::{group_rows, robust_weights};
@@ -200,11 +200,11 @@ impl Refined {
 }
 
 /// Generalised least squares about the robust solution. Coefficients: centre x, y of every angle, then the radius.
-pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refined> {
+pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint, bow: &Bow) -> Option<Refined> {
     let mut design = Vec::new();
     let (mut y, mut variance, mut place, mut group) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let mut displacement = Vec::new();
+    let (mut displacement, mut bent) = (Vec::new(), Vec::new());
     for (k, arc) in arcs.iter().enumerate() {
         let rows = group_rows(&arc.points, &joint.weights[k], joint.put(arc), GROUPS_PER_ARC);
         for i in 0..rows.y.len() {
@@ -217,7 +217,9 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
             variance.push(rows.variance[i]);
             place.push(rows.place[i]);
             group.push(k);
-            displacement.push(Vector2::new(rows.design[(i, 0)], rows.design[(i, 1)]));
+            let out = Vector2::new(rows.design[(i, 0)], rows.design[(i, 1)]);
+            bent.push(bow.moves_mm(rows.place[i], out, arc.points.located.step.softness_px));
+            displacement.push(out);
         }
     }
     let rows = Rows {
@@ -238,6 +240,8 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint) -> Option<Refin
         let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
         fit.covariance += &moved * moved.transpose() * (place_mm * place_mm);
     }
+    let bent = &fit.influence * DVector::from_vec(bent);
+    fit.covariance += &bent * bent.transpose();
     let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
     Some(Refined {
         misses_mm: rms(&fit.residuals),
@@ -257,137 +261,3 @@ const UNSTEADY: f64 = 0.7;
 
 /// Groups of edge points of one arc in the correlated fit.
 const GROUPS_PER_ARC: usize = 30;
-
-/// The C axis from the rod's centres.
-#[derive(Debug, Clone)]
-pub(super) struct Axis {
-    pub center: Vector2<f64>,
-    pub covariance: Matrix2<f64>,
-    pub eccentricity: Vector2<f64>,
-    pub eccentricity_covariance: Matrix2<f64>,
-    /// From the centres to the axis (2 × 2n).
-    pub gain: DMatrix<f64>,
-    /// Sum of squares of the residuals over what the pixels tell of them, and their degrees of freedom.
-    pub chi2: f64,
-    pub dof: usize,
-    /// The residuals' root mean square over what their covariance has for them, arcs out of place included.
-    pub excess: f64,
-    /// Restricted log likelihood, but for a constant.
-    log_likelihood: f64,
-}
-
-/// Fits `centre(C) = axis + Rz(sense·C)·e` to the centres with their covariance. Two angles at least. Each centre may be out of place by
-/// more than the pixels of its arcs can tell (turning lines, dirt and rounding move an arc as a whole): by as much as makes the misses of
-/// their circle likeliest.
-pub(super) fn axis(
-    centers: &[Vector2<f64>],
-    covariance: &DMatrix<f64>,
-    c_deg: &[f64],
-    sense: f64,
-) -> Option<Axis> {
-    let still = axis_if(centers, covariance, c_deg, sense)?;
-    let own = (0..centers.len()).map(|i| {
-        let part: Matrix2<f64> = covariance.fixed_view::<2, 2>(2 * i, 2 * i).into();
-        part.symmetric_eigenvalues().min()
-    });
-    // A single arc tells its place along its normal, and hardly across.
-    let along = median(&mut own.collect::<Vec<f64>>()).max(0.0);
-    let out_of_place = OUT_OF_PLACE.iter().filter_map(|ratio| {
-        let moved = covariance
-            + DMatrix::identity(2 * centers.len(), 2 * centers.len()) * (ratio.powi(2) * along);
-        axis_if(centers, &moved, c_deg, sense)
-    });
-    let likeliest = out_of_place.max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood));
-    // One more number must be worth it (Akaike 1974).
-    let worth = likeliest.filter(|l| l.log_likelihood > still.log_likelihood + 1.0);
-    let Axis { chi2, dof, .. } = still;
-    Some(worth.map_or(still, |worth| Axis { chi2, dof, ..worth }))
-}
-
-/// By how much a centre may be out of place, in its own standard deviation along an arc's normal.
-const OUT_OF_PLACE: [f64; 7] = [0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 4.0];
-
-/// The same where the covariance is all.
-fn axis_if(
-    centers: &[Vector2<f64>],
-    covariance: &DMatrix<f64>,
-    c_deg: &[f64],
-    sense: f64,
-) -> Option<Axis> {
-    let n = 2 * centers.len();
-    let l = covariance.clone().cholesky()?.unpack();
-    let mut design = DMatrix::zeros(n, 4);
-    let mut y = DVector::zeros(n);
-    for (i, c) in centers.iter().enumerate() {
-        let (s, k) = (sense * c_deg[i]).to_radians().sin_cos();
-        design.view_mut((2 * i, 0), (2, 4)).copy_from_slice(&[1.0, 0.0, 0.0, 1.0, k, s, -s, k]);
-        (y[2 * i], y[2 * i + 1]) = (c.x, c.y);
-    }
-    let mut x = design;
-    if !l.solve_lower_triangular_mut(&mut x) || !l.solve_lower_triangular_mut(&mut y) {
-        return None;
-    }
-    let (cov, rank) = least_squares::covariance(&x, 1e-9);
-    if rank < 4 {
-        return None;
-    }
-    let beta = &cov * x.tr_mul(&y);
-    let chi2 = (&y - &x * &beta).norm_squared();
-    let log_det = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>() - cov.determinant().ln();
-    let gain =
-        (&cov * x.tr_mul(&l.solve_lower_triangular(&DMatrix::identity(n, n))?)).rows(0, 2).into();
-    Some(Axis {
-        center: Vector2::new(beta[0], beta[1]),
-        covariance: cov.fixed_view::<2, 2>(0, 0).into(),
-        eccentricity: Vector2::new(beta[2], beta[3]),
-        eccentricity_covariance: cov.fixed_view::<2, 2>(2, 2).into(),
-        gain,
-        chi2,
-        dof: n - 4,
-        excess: (chi2 / (n.max(5) - 4) as f64).sqrt(),
-        log_likelihood: -0.5 * (log_det + chi2),
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Rotation2;
-    use rand::SeedableRng;
-    use rand_distr::{Distribution, StandardNormal};
-
-    /// One arc at each table angle, known along its normal and hardly across: where arcs are out of place as a whole the axis knows it,
-    /// and where they are not its interval is no wider for that.
-    #[test]
-    fn arcs_out_of_place_are_in_the_interval_of_the_axis() {
-        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
-        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
-        let c_deg: Vec<f64> = (0..8).map(|i| 45.0 * f64::from(i)).collect();
-        let [along_mm, across_mm] = [1e-4, 2e-3];
-        for (out_of_place, held) in [(0.0, 0.92..=1.0), (2.5, 0.82..=0.97)] {
-            let (mut inside, mut widths) = (0, Vec::new());
-            for _ in 0..300 {
-                let mut covariance = DMatrix::zeros(16, 16);
-                let mut centers = Vec::new();
-                for (i, c) in c_deg.iter().enumerate() {
-                    let way = Rotation2::new(2.4 * i as f64);
-                    let sizes = Matrix2::from_diagonal(&Vector2::new(along_mm, across_mm));
-                    let part = way * sizes * sizes * way.inverse();
-                    covariance.view_mut((2 * i, 2 * i), (2, 2)).copy_from(&part);
-                    let own = way * Vector2::new(along_mm * normal(), across_mm * normal());
-                    let moved = out_of_place * along_mm * Vector2::new(normal(), normal());
-                    let turned = Rotation2::new(c.to_radians()) * Vector2::new(0.1, 0.0);
-                    centers.push(turned + own + moved);
-                }
-                let axis = axis(&centers, &covariance, &c_deg, 1.0).unwrap();
-                let u95_mm = 1.96 * axis.covariance[(0, 0)].sqrt();
-                inside += usize::from(axis.center.x.abs() < u95_mm);
-                widths.push(u95_mm);
-            }
-            let share = inside as f64 / 300.0;
-            println!("{out_of_place}: {share}, {:.6} mm", median(&mut widths));
-            assert!(held.contains(&share), "{out_of_place}: {share}");
-            assert!(out_of_place > 0.0 || median(&mut widths) < 1.3 * 1.96 * 0.5 * along_mm);
-        }
-    }
-}

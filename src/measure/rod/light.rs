@@ -16,6 +16,9 @@ const ACROSS: f64 = 0.3;
 /// eight softnesses either side, makes of it.
 const REACTS: f64 = 8.0;
 
+/// Lenses and lamps leave the corners darker than the middle by about this part (standard deviation).
+const CORNERS: f64 = 0.1;
+
 /// The slope of the light in all captures.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Light {
@@ -29,6 +32,28 @@ pub(super) struct Shift {
     pub mm: Vector2<f64>,
     /// Covariance of that, mm²: the same error in all centres.
     pub covariance: Matrix2<f64>,
+}
+
+/// Light that fades towards the corners slopes one way at one end of an arc and the other way at the other: all arcs look more bent, or less.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Bow {
+    middle_mm: Vector2<f64>,
+    /// Slope (standard deviation) over the distance from the middle, 1/px².
+    per_px2: f64,
+}
+
+impl Bow {
+    /// Of a camera.
+    pub fn of(view: &View) -> Self {
+        let corner = Vector2::new(view.width_px() as f64, view.height_px() as f64) * 0.5;
+        let middle_mm = view.to_plane(corner - Vector2::repeat(0.5));
+        Self { middle_mm, per_px2: 2.0 * CORNERS / corner.norm_squared() }
+    }
+
+    /// How far it moves an edge of some softness outwards, mm (standard deviation; the same light in all captures).
+    pub fn moves_mm(&self, place_mm: Vector2<f64>, out: Vector2<f64>, softness_px: f64) -> f64 {
+        REACTS * softness_px * softness_px * self.per_px2 * (place_mm - self.middle_mm).dot(&out)
+    }
 }
 
 impl Light {

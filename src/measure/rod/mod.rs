@@ -2,6 +2,7 @@
 
 mod agreement;
 mod attempts;
+mod axis;
 mod budget;
 mod captures;
 mod finish;

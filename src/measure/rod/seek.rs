@@ -178,14 +178,15 @@ fn center(voters: &[Voter], captures: usize, (near, far): (f64, f64)) -> Option<
     if voters.len() < 30 {
         return None;
     }
+    let mut each = vec![0.0f32; captures];
+    voters.iter().for_each(|v| each[v.capture] += 1.0);
     // A few captures of one side see the centre outside of them all.
-    let margin = if captures < 3 { far } else { 0.3 * (hi - lo).max() };
+    let alone = each.iter().filter(|n| **n > 0.0).count() == 1;
+    let margin = if captures < 3 || alone { far } else { 0.3 * (hi - lo).max() };
     lo -= Vector2::repeat(margin);
     hi += Vector2::repeat(margin);
     let cell = (hi - lo).max() / CELLS;
     let (w, h) = (((hi.x - lo.x) / cell) as usize + 1, ((hi.y - lo.y) / cell) as usize + 1);
-    let mut each = vec![0.0f32; captures];
-    voters.iter().for_each(|v| each[v.capture] += 1.0);
     let mut votes = Gray { width: w, height: h, data: vec![0.0f32; w * h] };
     let steps = ((far - near) / cell) as usize;
     for v in voters.iter().step_by(voters.len().div_ceil(CENTER_VOTERS)) {
