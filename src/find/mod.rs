@@ -12,6 +12,7 @@ mod rays;
 mod refine;
 mod standing;
 mod swings;
+mod teeth;
 mod votes;
 
 pub(crate) use folds::is_folded;
@@ -19,6 +20,7 @@ pub use look::Look;
 pub(crate) use look::blur;
 pub use standing::{Sides, stands_out};
 pub(crate) use swings::swings_beyond;
+pub(crate) use teeth::is_toothed;
 pub(crate) use votes::vote;
 
 use nalgebra::Vector2;

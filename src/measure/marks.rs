@@ -109,7 +109,7 @@ impl<'a> Scene<'a> {
         if !self.stands_out(&self.look, outer, outer, Sides::Edge) {
             return Attempt::Surface;
         }
-        if find::is_folded(&self.look, outer) {
+        if find::is_folded(&self.look, outer) || find::is_toothed(&self.look, outer) {
             return Attempt::Flawed(Flaw::Other);
         }
         if annulus::is_rippled(&self.look, outer, &self.steady) {
