@@ -101,23 +101,26 @@ const NUMBERS: usize = 5;
 
 /// Fits `centre(C) = axis + Rz(sense·C)·e` to the centres, and the radius with them, by their covariance. Two angles at least. Each centre
 /// may be out of place by more than the pixels of its arcs can tell (the machine's position, turning lines, dirt and rounding move an arc as a
-/// whole). By how much, the misses of their circle say, and few of them say it badly: all sizes count, by their restricted likelihood.
-pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64) -> Option<Axis> {
+/// whole), but with the probability `in_place`. By how much, the misses of their circle say, and few of them say it badly: all sizes count, by
+/// their restricted likelihood.
+pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64, in_place: f64) -> Option<Axis> {
     let still = axis_if(rod, 0.0, c_deg, sense)?;
     let (chi2, dof) = (still.chi2, still.dof);
     if dof == 0 {
         return Some(still);
     }
-    let in_place = still.known.covariance.diagonal();
+    let if_still = still.known.covariance.diagonal();
     let own = (0..c_deg.len()).map(|i| rod.pair_covariance(2 * i).symmetric_eigenvalues().min());
     // A single arc tells its place one way, and hardly the other.
     let best_way = median(&mut own.collect::<Vec<f64>>()).max(0.0);
-    let moved = (0..SIZES).map(|i| best_way * (LEAST * STEP.powi(i)).powi(2));
-    let moved = moved.filter_map(|variance| axis_if(rod, variance, c_deg, sense));
-    let mut all: Vec<Axis> = std::iter::once(still).chain(moved).collect();
-    all.iter_mut().skip(1).for_each(|a| {
-        a.log_likelihood += ((1.0 - IN_PLACE) / f64::from(SIZES) / IN_PLACE).ln();
+    let sizes: Vec<f64> = (0..SIZES).map(|i| LEAST * STEP.powi(i)).collect();
+    let total: f64 = sizes.iter().map(|size| half_cauchy(*size)).sum();
+    let moved = sizes.iter().filter_map(|size| {
+        let mut axis = axis_if(rod, best_way * size * size, c_deg, sense)?;
+        axis.log_likelihood += ((1.0 - in_place) * half_cauchy(*size) / total / in_place).ln();
+        Some(axis)
     });
+    let all: Vec<Axis> = std::iter::once(still).chain(moved).collect();
     let likeliest = all.iter().map(|a| a.log_likelihood).fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = all.iter().map(|a| (a.log_likelihood - likeliest).exp()).collect();
     let total: f64 = weights.iter().sum();
@@ -134,7 +137,7 @@ pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64) -> Option<Axis> {
         let apart = &one.known.values - &known.values;
         known.covariance += (&one.known.covariance + &apart * apart.transpose()) * (weight / total);
     }
-    let from_misses = known.covariance.diagonal() - in_place;
+    let from_misses = known.covariance.diagonal() - if_still;
     Some(Axis { known, chi2, dof, from_misses, log_likelihood: likeliest })
 }
 
@@ -142,8 +145,14 @@ pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64) -> Option<Axis> {
 const LEAST: f64 = 0.5;
 const STEP: f64 = 1.6;
 const SIZES: i32 = 24;
-/// Probability, before the centres are seen, that none is out of place.
-const IN_PLACE: f64 = 0.2;
+/// How likely a size is, before the centres are seen, as a part of a range of ratios (half-Cauchy, Gelman 2006): about the arcs' own scatter
+/// or less, and far more where the centres say so. Were all ratios alike, those that few centres cannot refute would make the interval.
+fn half_cauchy(size: f64) -> f64 {
+    size / (1.0 + size * size)
+}
+/// Probability, before the centres are seen, that none is out of place: where some angle has a single arc, and where all have several, whose
+/// disagreement has what moves one of them already.
+pub(super) const IN_PLACE: [f64; 2] = [0.5, 0.9];
 
 /// The same where centres are out of place by that variance, each axis.
 fn axis_if(rod: &Known, out_of_place: f64, c_deg: &[f64], sense: f64) -> Option<Axis> {
@@ -211,7 +220,7 @@ mod tests {
                     values.fixed_rows_mut::<2>(2 * i).copy_from(&(turned + own + moved));
                 }
                 let free = Known { values, covariance, gain: DMatrix::identity(17, 17) };
-                let axis = axis(&free, &c_deg, 1.0).unwrap();
+                let axis = axis(&free, &c_deg, 1.0, IN_PLACE[0]).unwrap();
                 let u95_mm = k95(axis.dof_of(0)) * axis.known.covariance[(0, 0)].sqrt();
                 inside += usize::from(axis.known.values[0].abs() < u95_mm);
                 widths.push(u95_mm);

@@ -36,7 +36,9 @@ pub(super) fn finish(
     let mut rod = free(fit, robust, shift, blur_mm);
     let free_centers = centers(&rod, angles);
     let mut axis = if angles > 1 {
-        find_axis(&rod, &free_centers, c_deg, options, &mut warnings)?
+        let often = |angle| arcs.iter().filter(|arc| arc.angle == angle).count() > 1;
+        let in_place = axis::IN_PLACE[usize::from((0..angles).all(often))];
+        find_axis(&rod, &free_centers, c_deg, options, in_place, &mut warnings)?
     } else {
         None
     };
@@ -170,14 +172,15 @@ fn find_axis(
     centers: &[Vector2<f64>],
     c_deg: &[f64],
     options: &Options,
+    in_place: f64,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Axis>> {
-    let Some(axis) = axis::axis(rod, c_deg, options.c_sense) else {
+    let Some(axis) = axis::axis(rod, c_deg, options.c_sense, in_place) else {
         return Ok(None);
     };
     if axis.dof > 0 {
         let excess = (axis.chi2 / axis.dof as f64).sqrt();
-        if let Some(other) = axis::axis(rod, c_deg, -options.c_sense)
+        if let Some(other) = axis::axis(rod, c_deg, -options.c_sense, in_place)
             && axis.chi2 > other.chi2 + 20.0
             && axis.chi2 > 5.0 * other.chi2
         {
