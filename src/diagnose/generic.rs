@@ -9,6 +9,7 @@ use crate::diagnose::basis::{
     Basis, distinct, legendre, level_edges, middle, of_order, orders, smooth,
 };
 use crate::diagnose::experiment::{Direction, Layout, Variable};
+use crate::fit::robust::range;
 
 /// A shape in one variable.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -350,11 +351,6 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         }
     }
     shapes
-}
-
-/// Smallest and largest value.
-pub fn range(values: &[f64]) -> (f64, f64) {
-    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
 }
 
 impl Shape {

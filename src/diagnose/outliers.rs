@@ -5,12 +5,12 @@ use nalgebra::DMatrix;
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::range;
 use crate::diagnose::noise::Space;
 use crate::diagnose::parts::{Part, part_chi2};
 use crate::diagnose::rim::is_rough;
 use crate::diagnose::score::gain_of_free;
 use crate::diagnose::select::{Selection, select};
+use crate::fit::robust::range;
 use crate::fit::tails::chi2_quantile;
 
 /// Largest part of the observations that may be set aside.

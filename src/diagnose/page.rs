@@ -3,8 +3,8 @@
 use std::fmt::Write as _;
 
 use crate::diagnose::experiment::{Experiment, Variable};
-use crate::diagnose::generic::range;
 use crate::diagnose::report::{Report, Verdict};
+use crate::fit::robust::range;
 use crate::plot::{Figure, Panel};
 
 /// What the verdict means, for a service engineer.

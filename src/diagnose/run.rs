@@ -7,7 +7,6 @@ use crate::diagnose::classes::{by_name, rivals, stand_ins};
 use crate::diagnose::doubts;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::range;
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
 use crate::diagnose::outliers::{Screened, screen};
@@ -18,6 +17,7 @@ use crate::diagnose::select::Selection;
 use crate::diagnose::sizes;
 use crate::diagnose::unnamed;
 use crate::error::{Error, Result};
+use crate::fit::robust::range;
 use crate::fit::tails::ln_chi2_tail;
 
 /// How to diagnose.

@@ -309,7 +309,7 @@ impl Selection {
                 if rms == 0.0 || used || !varies {
                     continue;
                 }
-                let (low, high) = crate::diagnose::generic::range(&v.values);
+                let (low, high) = crate::fit::robust::range(&v.values);
                 let half = ((high - low) / 2.0).max(1e-12);
                 let columns = DMatrix::from_fn(c.len(), 3, |r, k| {
                     let x = (v.values[r] - (low + high) / 2.0) / half;

@@ -3,7 +3,8 @@
 use nalgebra::Vector2;
 
 use crate::find::Candidate;
-use crate::find::look::{Look, directions, value_at};
+use crate::find::look::{Look, directions};
+use crate::find::waves;
 
 /// Directions, and waves all round that they tell well.
 const RAYS: usize = 96;
@@ -24,9 +25,12 @@ pub(crate) fn is_folded(look: &Look, ring: &Candidate) -> bool {
     let radius = ring.circle.radius / look.factor as f64;
     let center = look.reduced(ring.circle.center);
     let around: [Vector2<f64>; RAYS] = directions();
+    // Of circles that lie wholly in the picture.
     let powers: Vec<[f64; WAVES + 1]> = ((WITHIN.start * radius).ceil() as usize
         ..(WITHIN.end * radius) as usize)
-        .filter_map(|r| powers(look, center, r as f64, &around))
+        .map(|r| waves::levels(look, center, r as f64, &around))
+        .filter(|levels| levels.iter().all(|v| v.is_finite()))
+        .map(|levels| waves::powers(&levels, &around, 2))
         .collect();
     let together = ((TOGETHER * radius) as usize).max(3);
     powers.windows(together).any(|near| {
@@ -35,30 +39,6 @@ pub(crate) fn is_folded(look: &Look, ring: &Candidate) -> bool {
         let repeats = |folds: usize| (folds..=WAVES).step_by(folds).map(power).sum::<f64>();
         all > (STRENGTH * ring.step).powi(2) && FOLDS.into_iter().any(|k| repeats(k) > SHARE * all)
     })
-}
-
-/// Mean square of each wave at a radius, reduced pixels; `None` where a part of it lies outside the picture.
-fn powers(
-    look: &Look,
-    center: Vector2<f64>,
-    radius: f64,
-    around: &[Vector2<f64>; RAYS],
-) -> Option<[f64; WAVES + 1]> {
-    let image = &look.scales[0].1;
-    let values = around.map(|along| {
-        let p = center + radius * along;
-        f64::from(value_at(image, p.x, p.y))
-    });
-    if values.iter().any(|v| v.is_nan()) {
-        return None;
-    }
-    let mut powers = [0.0; WAVES + 1];
-    for (wave, power) in powers.iter_mut().enumerate().skip(2) {
-        let sum = (values.iter().enumerate())
-            .fold(Vector2::zeros(), |sum, (i, v)| sum + *v * around[wave * i % RAYS]);
-        *power = 2.0 * sum.norm_squared() / (RAYS * RAYS) as f64;
-    }
-    Some(powers)
 }
 
 #[cfg(test)]

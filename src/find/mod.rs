@@ -14,6 +14,7 @@ mod standing;
 mod swings;
 mod teeth;
 mod votes;
+mod waves;
 
 pub(crate) use folds::is_folded;
 pub use look::Look;

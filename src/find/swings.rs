@@ -2,30 +2,26 @@
 
 use nalgebra::Vector2;
 
-use crate::find::look::{Look, directions, value_at};
+use crate::find::look::{Look, directions};
+use crate::find::waves;
 use crate::fit::Circle;
 
 /// Directions over which the level is averaged, and the share of them that must lie in the picture.
 const RAYS: usize = 96;
 const LEAST_SEEN: f64 = 0.4;
-/// How far out is looked, in radii, and at least in reduced pixels.
+/// How far beyond the circle is looked, in radii.
 const BEYOND: f64 = 6.0;
 
 /// How often the mean level about a circle's centre (px of the full picture) swings up or down by `size` counts, from the circle outward.
 pub(crate) fn swings_beyond(look: &Look, circle: Circle, size: f64) -> usize {
-    let image = &look.scales[0].1;
     let around: [Vector2<f64>; RAYS] = directions();
     let (center, radius) = (look.reduced(circle.center), circle.radius / look.factor as f64);
-    let value = |along: &Vector2<f64>, r: f64| {
-        let p = center + along * r;
-        f64::from(value_at(image, p.x, p.y))
-    };
     // Steps from radius to radius, each over the directions that see both: others begin elsewhere.
-    let mut before: Vec<f64> = around.iter().map(|along| value(along, radius)).collect();
+    let mut before = waves::levels(look, center, radius, &around);
     let (mut level, mut lowest, mut highest) = (0.0f64, 0.0f64, 0.0f64);
     let (mut swings, mut up) = (0, None);
     for k in 1..=(BEYOND * radius) as usize {
-        let now: Vec<f64> = around.iter().map(|along| value(along, radius + k as f64)).collect();
+        let now = waves::levels(look, center, radius + k as f64, &around);
         let seen = before.iter().zip(&now).map(|(a, b)| b - a).filter(|step| step.is_finite());
         let (sum, count) = seen.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
         if count < LEAST_SEEN * RAYS as f64 {

@@ -3,7 +3,8 @@
 use nalgebra::Vector2;
 
 use crate::find::Candidate;
-use crate::find::look::{Look, directions, value_at};
+use crate::find::look::{Look, directions};
+use crate::find::waves;
 
 /// Directions, and waves all round that they tell well.
 const RAYS: usize = 256;
@@ -23,44 +24,28 @@ pub(crate) fn is_toothed(look: &Look, ring: &Candidate) -> bool {
     let radius = ring.circle.radius / look.factor as f64;
     let center = look.reduced(ring.circle.center);
     let around: [Vector2<f64>; RAYS] = directions();
-    let powers: Vec<[f64; WAVES + 2]> = ((BESIDE.start * radius) as usize
+    let powers: Vec<[f64; WAVES + 1]> = ((BESIDE.start * radius) as usize
         ..(BESIDE.end * radius) as usize)
-        .map(|r| powers(look, center, r as f64, &around))
+        .map(|r| about_mean(waves::levels(look, center, r as f64, &around)))
+        .map(|levels| waves::powers(&levels, &around, FINE))
         .collect();
     let together = ((TOGETHER * radius) as usize).max(2);
     powers.windows(together).any(|near| {
         let power = |wave: usize| near.iter().map(|p| p[wave]).sum::<f64>() / together as f64;
         let all: f64 = (FINE..=WAVES).map(power).sum();
         // Seen at an angle they are not quite even.
-        let line = |wave: usize| (wave - 1..=wave + 1).map(power).sum::<f64>();
+        let line = |wave: usize| (wave - 1..=(wave + 1).min(WAVES)).map(power).sum::<f64>();
         let repeats = |k: usize| line(k) + if 2 * k <= WAVES { line(2 * k) } else { 0.0 };
         all > (STRENGTH * ring.step).powi(2) && TEETH.into_iter().any(|k| repeats(k) > SHARE * all)
     })
 }
 
-/// Mean square of each fine wave at a radius, reduced pixels; what lies outside the picture counts as even.
-fn powers(
-    look: &Look,
-    center: Vector2<f64>,
-    radius: f64,
-    around: &[Vector2<f64>; RAYS],
-) -> [f64; WAVES + 2] {
-    let image = &look.scales[0].1;
-    let values = around.map(|along| {
-        let p = center + radius * along;
-        f64::from(value_at(image, p.x, p.y))
-    });
-    let seen = values.iter().filter(|v| v.is_finite());
+/// Levels about their mean; what lies outside the picture counts as even.
+fn about_mean(levels: [f64; RAYS]) -> [f64; RAYS] {
+    let seen = levels.iter().filter(|v| v.is_finite());
     let (sum, count) = seen.fold((0.0, 0.0), |(sum, count), v| (sum + v, count + 1.0));
     let mean: f64 = sum / f64::max(count, 1.0);
-    let values = values.map(|v| if v.is_finite() { v - mean } else { 0.0 });
-    let mut powers = [0.0; WAVES + 2];
-    for (wave, power) in powers.iter_mut().enumerate().take(WAVES + 1).skip(FINE) {
-        let sum = (values.iter().enumerate())
-            .fold(Vector2::zeros(), |sum, (i, v)| sum + *v * around[wave * i % RAYS]);
-        *power = 2.0 * sum.norm_squared() / (RAYS * RAYS) as f64;
-    }
-    powers
+    levels.map(|v| if v.is_finite() { v - mean } else { 0.0 })
 }
 
 #[cfg(test)]

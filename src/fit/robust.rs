@@ -1,4 +1,4 @@
-//! Scatter and middle of values of which some are far off.
+//! Middle, scatter and ends of values of which some may be far off.
 
 /// The middle one, the upper of two.
 ///
@@ -15,4 +15,9 @@ pub fn median(list: &mut [f64]) -> f64 {
 /// On an empty list.
 pub fn scatter(sizes: &mut [f64]) -> f64 {
     1.4826 * median(sizes)
+}
+
+/// Smallest and largest value.
+pub fn range(values: &[f64]) -> (f64, f64) {
+    values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(*v), b.max(*v)))
 }

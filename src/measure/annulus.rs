@@ -131,6 +131,8 @@ pub(super) enum Flaw {
     Unsure,
     /// It is a lamp's reflection.
     Lamp,
+    /// It is one of many bands.
+    Ripples,
     /// It is something else.
     Other,
 }

@@ -46,10 +46,6 @@ pub(super) fn measure(
                 tried.add_lone(outer);
                 break; // The ring is there; a worse one with a better spot would be a wrong answer.
             }
-            Attempt::Ripples => {
-                tried.rippled = true;
-                tried.refused.push(outer);
-            }
             Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
         }
     }
@@ -82,8 +78,6 @@ enum Attempt {
     NoSpot,
     /// A ring with a spot that cannot be measured.
     UnclearSpot,
-    /// One of many bands.
-    Ripples,
     /// Something else, or a ring that does not tell where it is.
     Flawed(Flaw),
 }
@@ -113,7 +107,7 @@ impl<'a> Scene<'a> {
             return Attempt::Flawed(Flaw::Other);
         }
         if annulus::is_rippled(&self.look, outer, &self.steady) {
-            return Attempt::Ripples;
+            return Attempt::Flawed(Flaw::Ripples);
         }
         let edges: Vec<Candidate> =
             self.steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
@@ -194,6 +188,7 @@ impl<'a> Tried<'a> {
         match flaw {
             Flaw::Unsure => self.unsure = true,
             Flaw::Lamp => self.lamps.push(c),
+            Flaw::Ripples => self.rippled = true,
             Flaw::Other => {}
         }
         self.refused.push(c);

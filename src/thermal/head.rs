@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::blocks::{BLOCKS, Blocks, correlation};
 use super::sums::{Sums, with_constant};
 use crate::error::{Error, Result};
+use crate::fit::robust::range;
 use crate::table::Table;
 use crate::uncertainty::k95;
 use crate::units;
@@ -88,13 +89,6 @@ impl Data {
 
     pub(super) fn sensors(&self) -> usize {
         self.rises_c[0].len()
-    }
-
-    /// Smallest and largest rise of a sensor.
-    fn range_c(&self, sensor: usize) -> [f64; 2] {
-        let values = self.rises_c.iter().map(|r| r[sensor]);
-        let least = values.clone().fold(f64::INFINITY, f64::min);
-        [least, values.fold(f64::NEG_INFINITY, f64::max)]
     }
 }
 
@@ -270,7 +264,7 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
         sensor: i + 1,
         mm_per_c: solved.coefficients[a],
         mm_per_c_u95: 0.0,
-        range_c: data.range_c(i),
+        range_c: range(&data.rises_c.iter().map(|r| r[i]).collect::<Vec<_>>()).into(),
     };
     head.coefficients = chosen.iter().enumerate().map(coefficient).collect();
     if let Some(p) = head.predictor(|_| true) {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::fit::robust::range;
 use crate::table::Table;
 use crate::thermal::law::{Law, Misfit};
 use crate::thermal::lines::{Line, Lines, Point, fail};
@@ -166,7 +167,7 @@ fn fit_axis(
     let lines = Lines::fit(axis, points, given_t0)?;
     let (per_degree, t0) = lines.slopes_law(axis, given_t0)?;
     let meet = lines.meet();
-    let p0 = reference_mm(axis, &lines, given_p0, warnings);
+    let p0 = reference_mm(axis, &lines, meet, given_p0, warnings);
     let law = Law {
         points,
         runs: &lines.runs,
@@ -196,13 +197,14 @@ fn fit_axis(
     for (i, row) in covariance.iter_mut().enumerate() {
         row.iter_mut().zip(widen).for_each(|(v, w)| *v *= widen[i] * w);
     }
-    let range_mm = range(points.iter().map(|p| p.position_mm));
+    let range_mm: [f64; 2] =
+        range(&points.iter().map(|p| p.position_mm).collect::<Vec<_>>()).into();
     if given_p0.is_none() && !meet {
         // Anywhere on the axis, and 0 need not be on it.
         let far = range_mm.map(f64::abs).into_iter().fold(range_mm[1] - range_mm[0], f64::max);
         covariance[2][2] = far * far / 3.0;
     }
-    let [_, t_max_c] = range(lines.lines.iter().map(|l| l.screw_c));
+    let t_max_c = lines.lines.iter().map(|l| l.screw_c).fold(f64::NEG_INFINITY, f64::max);
     let rise = t_max_c - t0_c;
     if rise <= 0.0 {
         return Err(fail(
@@ -248,10 +250,11 @@ fn fit_axis(
 fn reference_mm(
     axis: &str,
     lines: &Lines,
+    meet: bool,
     given: Option<f64>,
     warnings: &mut Vec<String>,
 ) -> Option<f64> {
-    match (given, lines.meet()) {
+    match (given, meet) {
         (Some(p0), true) if !lines.meet_at(p0) => {
             let crossing = lines.crossing_mm();
             warnings.push(format!(
@@ -269,10 +272,4 @@ fn reference_mm(
             Some(0.0)
         }
     }
-}
-
-/// Smallest and largest.
-fn range(values: impl Iterator<Item = f64> + Clone) -> [f64; 2] {
-    let least = values.clone().fold(f64::INFINITY, f64::min);
-    [least, values.fold(f64::NEG_INFINITY, f64::max)]
 }

@@ -12,8 +12,8 @@ use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
-use crate::diagnose::generic::range;
 use crate::error::Result;
+use crate::fit::robust::range;
 use crate::machine::Machine;
 use crate::table::Table;
 use crate::units;

@@ -20,7 +20,7 @@ pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
     let steps: Vec<f64> = columns
         .iter()
         .map(|c| {
-            let (low, high) = crate::diagnose::generic::range(c);
+            let (low, high) = crate::fit::robust::range(c);
             ((high - low) * 1e-6).max(1e-9)
         })
         .collect();
@@ -39,7 +39,7 @@ pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
 pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<String> {
     names.iter().find_map(|name| match present.iter().find(|(n, _)| n == name) {
         Some((_, values)) if !values.is_empty() => {
-            let (low, high) = crate::diagnose::generic::range(values);
+            let (low, high) = crate::fit::robust::range(values);
             (high - low <= 1e-9 * (1.0 + high.abs()))
                 .then(|| format!("column '{name}' never changes"))
         }
@@ -50,7 +50,7 @@ pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<String> {
 /// Appends the time of a further capture, taken as long after the last as the captures follow each other.
 pub fn extend_time(t_s: &mut Vec<f64>) {
     if let Some(last) = t_s.iter().copied().reduce(f64::max) {
-        let (low, high) = crate::diagnose::generic::range(t_s);
+        let (low, high) = crate::fit::robust::range(t_s);
         t_s.push(last + (high - low) / t_s.len() as f64);
     }
 }

@@ -75,7 +75,7 @@ impl Rod {
     /// Travel of one machine axis over the captures.
     pub fn travel_mm(&self, axis: usize) -> f64 {
         let values: Vec<f64> = self.place.iter().map(|p| p[axis]).collect();
-        let (low, high) = crate::diagnose::generic::range(&values);
+        let (low, high) = crate::fit::robust::range(&values);
         high - low
     }
 

@@ -7,7 +7,7 @@ use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::effects::{Library, Words, lagged, risen, words};
 use crate::diagnose::experiment::Parameter;
-use crate::diagnose::generic::range;
+use crate::fit::robust::range;
 
 type L = Library<Columns, Vector3<f64>>;
 

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::{Library, Words, risen};
 use crate::diagnose::experiment::Parameter;
-use crate::diagnose::generic::range;
+use crate::fit::robust::range;
 
 type L = Library<Columns, Vector3<f64>>;
 

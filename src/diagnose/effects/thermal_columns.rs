@@ -1,7 +1,7 @@
 //! Columns that thermal effects follow: rises, rates, lags, and what a dead sensor misses.
 
 use crate::diagnose::data::columns::Columns;
-use crate::diagnose::generic::range;
+use crate::fit::robust::range;
 
 /// One value a row.
 pub type Column = Vec<f64>;

@@ -145,14 +145,15 @@ pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64, in_place: f64) -> Opt
 const LEAST: f64 = 0.5;
 const STEP: f64 = 1.6;
 const SIZES: i32 = 24;
+/// Probability, before the centres are seen, that none is out of place: where some angle has a single arc, and where all have several, whose
+/// disagreement has what moves one of them already.
+pub(super) const IN_PLACE: [f64; 2] = [0.5, 0.9];
+
 /// How likely a size is, before the centres are seen, as a part of a range of ratios (half-Cauchy, Gelman 2006): about the arcs' own scatter
 /// or less, and far more where the centres say so. Were all ratios alike, those that few centres cannot refute would make the interval.
 fn half_cauchy(size: f64) -> f64 {
     size / (1.0 + size * size)
 }
-/// Probability, before the centres are seen, that none is out of place: where some angle has a single arc, and where all have several, whose
-/// disagreement has what moves one of them already.
-pub(super) const IN_PLACE: [f64; 2] = [0.5, 0.9];
 
 /// The same where centres are out of place by that variance, each axis.
 fn axis_if(rod: &Known, out_of_place: f64, c_deg: &[f64], sense: f64) -> Option<Axis> {
