@@ -93,6 +93,9 @@ pub fn missing(path: &Path) -> String {
     let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let wanted = gone.file_name().unwrap_or_default().to_string_lossy();
     let names = std::fs::read_dir(folder).into_iter().flatten().take(MOST_NAMES).flatten();
+    if wanted.contains(['*', '?']) {
+        return "no file is written so: a pattern is for 'batch', or for the shell (without quotes)".into();
+    }
     match nearest(&wanted, names.map(|e| e.file_name().to_string_lossy().into_owned())) {
         Some(name) => format!("did you mean '{}'?", beside.join(name).display()),
         _ if gone != path => format!("there is no '{}'; correct the path", gone.display()),
@@ -109,7 +112,7 @@ pub fn nearest(wanted: &str, names: impl IntoIterator<Item = impl Into<String>>)
     let likely = 1 + wanted.chars().count() / 4;
     let names = names.into_iter().map(Into::into);
     let (edits, name) = names.map(|name| (edits(&wanted, &name.to_lowercase()), name)).min()?;
-    (edits <= likely).then_some(name)
+    (edits <= likely && edits < wanted.chars().count()).then_some(name)
 }
 
 /// Letters to insert, delete or replace to make one word of the other (Levenshtein).

@@ -376,6 +376,13 @@ fn the_command_measures_applies_and_names_bad_touches() {
     windows.args(["a.json", "w.apt", "w.nc"].map(file)).assert().success();
     let [unix, windows] = ["p.nc", "w.nc"].map(|name| std::fs::read_to_string(file(name)).unwrap());
     assert_eq!(unix.replace('\n', "\r\n"), windows);
+    // Three numbers with decimal commas, or six without.
+    std::fs::write(file("c.cl"), "10,0 20,0 0,1\n").unwrap();
+    let mut comma = command();
+    comma.args(["apply", "--machine", "docs/examples/machine-ac.toml", "--align"]);
+    let out =
+        comma.args(["a.json", "c.cl", "c.out"].map(file)).assert().code(2).get_output().clone();
+    assert!(String::from_utf8(out.stderr).unwrap().contains("decimal points"));
     for (text, words) in [
         ("face,0,0,0\nface,1,1,0\n", "2 face points"),
         ("face,0,0,0\nface,10,10,0\nface,20,20,0\n", "on a line"),
@@ -383,6 +390,7 @@ fn the_command_measures_applies_and_names_bad_touches() {
         ("edge,0,0,0\n", "'edge'"),
         ("face,0,0,0\nface,9,0,0\nface,0,9,0\nside_x,5,0,0\n", "one side_x"),
         ("face,0,0,0\nface,9,0,0\nface,0,9,0\nside_x,5,0,0\nside_x,5,0,0\n", "one side"),
+        ("face,0,0,0\nface,9,0,0\nface,0,9,0\nside_x,5,0,0\nside_x,5.1,9,0\n", "one side"),
     ] {
         std::fs::write(file("t.csv"), format!("kind,x_mm,y_mm,z_mm\n{text}")).unwrap();
         let out = command().arg(file("t.csv")).assert().code(2).get_output().clone();

@@ -288,6 +288,9 @@ fn slips_of_the_hand_get_a_hint() {
     refused(dir, "batch b*.jpg --job job.toml --out o", &["b*.jpg", "nothing to measure"]);
     refused(dir, "rotary sweep.csv --pivot-mm 0", &["--pivot-mm"]);
     refused(dir, "circles burn.png --calib calib.toml --expect-mm 900", &["900"]);
+    let one = "circles burn.png --calib calib.toml --expect-mm 5.75 --expect-mm";
+    refused(dir, &format!("{one} 5.3"), &["one circle only", "5.75", "5.3"]);
+    refused(dir, &format!("{one} 5.75"), &["5.75", "twice"]);
     judge();
 }
 

@@ -183,6 +183,13 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     let toml = |args: &str| std::fs::write(refusal.join("case.toml"), args).unwrap();
     toml("args = [\"solve\", \"none.toml\"]\nexit_code = 2\n");
     assert!(ok(dir, &["regress", "refusal"]).contains("ok   refusal"));
+    // What fails before anything is compared is in the rows all the same.
+    toml("args = [\"solve\", \"none.toml\"]\nexit_code = 1\n");
+    std::fs::write(refusal.join("expected.csv"), "key,value,tolerance\nr_mm,1,1\n").unwrap();
+    let rows =
+        String::from_utf8(run(dir, &["regress", "refusal", "--format", "csv"]).stdout).unwrap();
+    assert!(rows.contains("refusal") && rows.contains("exit code 2 instead of 1"), "{rows}");
+    std::fs::remove_file(refusal.join("expected.csv")).unwrap();
     toml("args = [\"solve\", \"none.toml\", \"--format=csv\"]\nexit_code = 2\n");
     refused(dir, &["regress", "refusal"], "case.toml: args: has --format=csv");
     // A case that runs the cases it is one of would never end.

@@ -208,17 +208,31 @@ fn results_of_burn_and_rod_are_taken_from_their_files() {
         r#"{"results":[{"offset_mm":[0.05,0.0],"offset_u95_mm":[0.002,0.002]},
         {"offset_mm":[0.012,0.0],"offset_u95_mm":[0.001,0.001]}]}"#,
     );
-    let touch = &SESSION[SESSION.find("[touch]").unwrap()..]
-        .replace("637.283", "637.287")
-        .replace("187.883", "187.887");
-    let text = format!(
-        "[burn]\nresult = \"burn.json\"\n[rod]\nresult = \"rod.json\"\n{touch}c_deg = 360.0\n"
+    // At an angle at which it was not seen it stands where the table turns it to.
+    for (c_deg, x1, x2) in [(360.0, "637.287", "187.887"), (60.0, "637.285", "187.885")] {
+        let touch = &SESSION[SESSION.find("[touch]").unwrap()..]
+            .replace("637.283", x1)
+            .replace("187.883", x2);
+        write(
+            "s.toml",
+            &format!(
+                "[burn]\nresult = \"burn.json\"\n[rod]\nresult = \"rod.json\"\n{touch}c_deg = {c_deg}\n"
+            ),
+        );
+        let (code, json, _) = command(&folder.path().join("s.toml"), &[]);
+        assert!((json["delta_x_mm"].as_f64().unwrap() - DX).abs() < 1e-9, "{json}");
+        assert!(json["delta_x_u95_mm"].as_f64().unwrap() < 0.02, "{json}");
+        assert_eq!(json["limits"][0]["verdict"], "fail", "12 µm is over the method's limit");
+        assert_eq!(code, 1);
+    }
+    // Another command's result, or one of another form, is none of these.
+    write(
+        "burn.json",
+        r#"{"schema":"pivotsight.circles/1","offset_mm":[0,0],"offset_u95_mm":[0,0]}"#,
     );
-    write("s.toml", &text);
-    let (code, json, _) = command(&folder.path().join("s.toml"), &[]);
-    assert!((json["delta_x_mm"].as_f64().unwrap() - DX).abs() < 1e-9, "{json}");
-    assert_eq!(json["limits"][0]["verdict"], "fail", "12 µm is over the method's limit");
-    assert_eq!(code, 1);
+    let (code, _, stderr) = command(&folder.path().join("s.toml"), &[]);
+    assert_eq!(code, 2);
+    assert!(stderr.contains("pivotsight.circles/1"), "{stderr}");
 }
 
 #[test]

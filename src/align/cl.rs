@@ -30,6 +30,15 @@ pub fn parse_cl<'a>(line: &'a str, modal: &mut Vector3<f64>) -> Result<Record<'a
     if letters && text.starts_with(['x', 'X']) {
         return Ok(Record::Other(line));
     }
+    // 10,0 20,0 0,1 may be three numbers or six.
+    let mut parts = text.split_whitespace();
+    let comma_within = |part: &str| part.trim_end_matches(',').contains(',');
+    if text.contains([' ', '\t', ';']) && parts.any(comma_within) {
+        return Err((
+            "has commas within numbers or between some of them only".into(),
+            "write decimal points, and separate all numbers by blanks or all by commas",
+        ));
+    }
     let numbers = text.split([',', ' ', '\t', ';']).filter(|w| !w.is_empty());
     pose(numbers, modal).map(Record::Pose)
 }

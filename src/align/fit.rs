@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::fit::robust::range;
 use crate::input;
 use crate::machine::Motion;
 use crate::plot::{Figure, Panel};
@@ -15,6 +16,8 @@ use crate::uncertainty::{K95, k95};
 
 /// Standard uncertainty of a touch where neither the data nor the user tells it.
 const ASSUMED_TOUCH_MM: f64 = 0.002;
+/// Opposite sides lie farther apart than this part of what the end face was touched over.
+const ONE_SIDE: f64 = 0.05;
 
 /// What is known beside the touches.
 #[derive(Debug, Clone, Copy, Default)]
@@ -150,15 +153,18 @@ fn solve(touches: &Touches, options: &Options) -> Result<Lie> {
     // Midpoints of the sides touched, by axis.
     let mut middles = Vec::new();
     for (i, side) in touches.sides.iter().enumerate().filter(|(_, s)| !s.is_empty()) {
-        let (low, high) = side
-            .iter()
-            .map(|p| p[i])
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        if high - low < 1e-3 {
+        let along = |list: &[Vector3<f64>]| range(&list.iter().map(|p| p[i]).collect::<Vec<_>>());
+        let (low, high) = along(side);
+        let (first, last) = along(&touches.face);
+        if high - low < (ONE_SIDE * (last - first)).max(1e-3) {
             let name = if i == 0 { "side_x" } else { "side_y" };
             return Err(Error::measure(
                 name,
-                "all touches are on one side",
+                format!(
+                    "all touches are on one side: {:.3} mm apart, where the end face was touched over {:.1} mm",
+                    high - low,
+                    last - first
+                ),
                 "touch the opposite side too",
             ));
         }

@@ -119,8 +119,8 @@ pub struct Statistics {
     pub n: usize,
     /// Their mean.
     pub mean: f64,
-    /// Their standard deviation; zero for one row.
-    pub sd: f64,
+    /// Their standard deviation; null for one row.
+    pub sd: Option<f64>,
     /// The least.
     pub min: f64,
     /// The largest.
@@ -158,7 +158,7 @@ impl Gather {
     pub fn finish(&self) -> Vec<(String, Statistics)> {
         let of = |name: &String| {
             let (n, mean, m2, min, max) = self.columns[name];
-            let sd = if n > 1 { (m2 / (n - 1) as f64).sqrt() } else { 0.0 };
+            let sd = (n > 1).then(|| (m2 / (n - 1) as f64).sqrt());
             (name.clone(), Statistics { n, mean, sd, min, max })
         };
         self.order.iter().map(of).collect()

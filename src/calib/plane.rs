@@ -19,6 +19,7 @@ use crate::camera::{Calibration, Lens, Mapping, light};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::rod::Capture;
+use crate::units;
 
 /// Fewest positions: four would determine the mapping, one more checks it.
 pub const LEAST_POSITIONS: usize = 5;
@@ -124,7 +125,8 @@ pub fn from_sightings(
         used.retain(|&i| i != odd);
         fit = solve(&used, &place)?;
     }
-    let report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
+    let mut report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
+    report.warnings.extend(units::pixel("a pixel, by the machine's positions,", report.mm_per_px));
     let reach_mm =
         report.mm_per_px * 0.5 * f64::from(lens.width_px).hypot(f64::from(lens.height_px));
     if report.field_u95_mm > MOST_UNSURE * reach_mm {

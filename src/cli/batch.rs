@@ -186,10 +186,11 @@ fn text(s: &Summary) -> String {
         );
         for c in &s.statistics {
             let v = &c.statistics;
+            let sd = v.sd.map_or_else(|| "-".into(), |sd| format!("{sd:.5}"));
             let _ = writeln!(
                 text,
-                "{:width$} {:>7} {:>11.5} {:>10.5} {:>11.5} {:>11.5}",
-                c.column, v.n, v.mean, v.sd, v.min, v.max
+                "{:width$} {:>7} {:>11.5} {sd:>10} {:>11.5} {:>11.5}",
+                c.column, v.n, v.mean, v.min, v.max
             );
         }
     }

@@ -93,11 +93,19 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let report = &made.report;
     let mut warnings = Vec::new();
     if report.verdict == Verdict::Undecided && args.tolerance_mm.is_none() {
-        warnings.push(format!(
-            "the centre is known to {:.4} mm only, not to {} mm",
-            report.offset_u95_mm[0].max(report.offset_u95_mm[1]),
-            args.u95_mm
-        ));
+        warnings.push(if report.frames_used < center::LEAST_FRAMES {
+            format!(
+                "{} frames show the centre in one place, {} have to: let more come",
+                report.frames_used,
+                center::LEAST_FRAMES
+            )
+        } else {
+            format!(
+                "the centre is known to {:.4} mm only, not to {} mm",
+                report.offset_u95_mm[0].max(report.offset_u95_mm[1]),
+                args.u95_mm
+            )
+        });
     }
     let there = at.map(|at| {
         let laser = calibration.laser.as_ref();

@@ -23,7 +23,7 @@ pub struct Args {
     /// The camera's calibration file
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
-    /// Expected diameter; once for each circle, reported in this order
+    /// Expected diameter, good to 12 %; once for each circle, reported in this order
     #[arg(long, value_name = "D", required = true)]
     expect_mm: Vec<f64>,
     /// Which part of colour pictures is measured

@@ -143,7 +143,7 @@ fn values(record: &Record) -> String {
         .filter_map(|s| {
             let value = number(result, &s.key)?;
             let u95 = u95_key(&s.key).and_then(|k| number(result, &k)).unwrap_or(0.0);
-            Some(format!("{} {value:.4} ± {u95:.4}", s.label.trim_end_matches(", mm")))
+            Some(format!("{} {value:.4} ± {u95:.4} mm", s.label.trim_end_matches(", mm")))
         })
         .collect::<Vec<_>>()
         .join("  ")

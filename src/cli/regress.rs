@@ -49,11 +49,17 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let json = result("regress", &args.folder, &[], &output);
     let cases = &output.cases;
     let rows = cases.iter().flat_map(|case| {
-        case.checks.iter().map(|check| {
-            let mut row = serde_json::to_value(check).unwrap_or_default();
+        let row = |mut row: serde_json::Value| {
             row["case"] = case.case.clone().into();
+            row["problem"] = case.problem.clone().into();
             row
-        })
+        };
+        let checks =
+            case.checks.iter().map(move |c| row(serde_json::to_value(c).unwrap_or_default()));
+        // A case that holds nothing but its exit code, or fails by it, has a row all the same.
+        let bare =
+            case.checks.is_empty().then(|| row(serde_json::json!({ "passed": case.passed })));
+        checks.chain(bare)
     });
     let status = if passed || args.update { Status::Good } else { Status::OutOfTolerance };
     let document = Document { rows: rows.collect(), json, table: text(cases) };

@@ -280,7 +280,8 @@ fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
     line("left", &report.after);
     let _ = writeln!(
         table,
-        "largest deviation ± {:.4} mm (95 %, noise {:.4} mm: {}), {} {} mm: {}",
+        "largest deviation {:.4} ± {:.4} mm (95 %, noise {:.4} mm: {}), {} {} mm: {}",
+        if options.corrected { report.after.worst_mm } else { report.before.worst_mm },
         report.worst_u95_mm,
         report.noise_mm,
         report.noise_source,

@@ -222,6 +222,9 @@ struct Average {
     own: Vector2<f64>,
 }
 
+/// Frames that the scatter is told from, and that a result needs.
+pub const LEAST_FRAMES: usize = 3;
+
 /// How many standard deviations steps must be too small for the scatter before the centre is said to creep.
 const CREEPS: f64 = 3.0;
 
@@ -270,7 +273,7 @@ impl Average {
     /// Half-widths of the mean's 95 % intervals.
     fn u95(&self) -> Vector2<f64> {
         let n = self.n as f64;
-        if self.n < 3 {
+        if self.n < LEAST_FRAMES {
             // Two frames may differ because the centre has moved: it is where the later one says.
             return self.own.zip_map(&self.steps, |own, s| (own.max(0.0) + 0.25 * s).sqrt());
         }
@@ -290,7 +293,7 @@ impl Average {
         let u95 = self.u95();
         let covariance = nalgebra::Matrix2::from_diagonal(&u95.map(|u| (u / K95).powi(2)));
         let (distance_mm, distance_u95_mm) = distance(self.mean, covariance, f64::INFINITY);
-        let good = self.n >= 3 && u95.max() <= options.u95_mm;
+        let good = self.n >= LEAST_FRAMES && u95.max() <= options.u95_mm;
         let verdict = match (good, options.tolerance_mm) {
             (false, _) => Verdict::Undecided,
             (true, Some(limit)) => Verdict::of(distance_mm, distance_u95_mm, limit),

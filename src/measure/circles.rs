@@ -105,12 +105,19 @@ pub fn check(options: &Options) -> Result<()> {
             "give the diameter of each circle in mm",
         ));
     }
-    for d in &options.expect_mm {
+    for (i, d) in options.expect_mm.iter().enumerate() {
         if !(d.is_finite() && *d > 0.0) {
             return Err(Error::option(
                 "--expect-mm",
                 format!("{d} is not a diameter"),
                 "give a positive number in mm",
+            ));
+        }
+        if options.expect_mm[..i].contains(d) {
+            return Err(Error::option(
+                "--expect-mm",
+                format!("{d} is given twice"),
+                "give each circle's diameter once: the clearest circle of that size is measured",
             ));
         }
     }
@@ -159,6 +166,25 @@ fn in_frame(
                 "check the picture, the expected diameter and the calibration's scale",
             )
         })?;
+        // One edge is no two circles, and would be perfectly concentric with itself.
+        let apart = |other: &Ring| other.circle.apart(&ring.circle);
+        if let Some(twice) = rings.iter().position(|r| apart(r) < view.pixel_mm()) {
+            return Err(Error::measure(
+                subject,
+                format!(
+                    "shows one circle only, of {:.4} mm diameter, where {} and {expect_mm} mm are expected",
+                    2.0 * ring.circle.radius,
+                    options.expect_mm[twice]
+                ),
+                "check the expected diameters and the calibration's scale",
+            ));
+        }
+        let found_mm = 2.0 * ring.circle.radius;
+        if (found_mm / expect_mm - 1.0).abs() > expected::FAR {
+            warnings.push(format!(
+                "the circle found measures {found_mm:.4} mm where {expect_mm} mm was expected: is it the one that is meant?"
+            ));
+        }
         if ring.arc_coverage < 0.5 {
             warnings.push(format!(
                 "only {:.0} % of the {expect_mm} mm circle's edge was found",

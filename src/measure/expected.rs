@@ -13,6 +13,8 @@ use crate::measure::ring::{self, Ring};
 
 /// A circle is looked for within this share of its expected diameter.
 const DIAMETER_WINDOW: f64 = 0.12;
+/// Off by more than this share a circle may be another one than the one that is meant.
+pub(crate) const FAR: f64 = 0.05;
 /// Edges about the same centre that may disturb it, in its radii.
 const NEIGHBOURS: std::ops::Range<f64> = 0.5..1.6;
 /// Candidates that are tried: the edges of an annulus gather into several of a spot's size.

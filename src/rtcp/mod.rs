@@ -4,6 +4,7 @@
 pub mod export;
 pub mod plan;
 pub mod report;
+mod results;
 mod session;
 mod session_file;
 mod session_reader;

@@ -1,5 +1,4 @@
-//! The session file as it is written: keys, defaults, and the results of other commands it may
-//! point to.
+//! The session file as it is written: keys and defaults.
 
 use std::path::PathBuf;
 
@@ -136,35 +135,6 @@ impl OneOrTwo {
             Self::Two(pair) => pair,
         }
     }
-}
-
-/// What is used of the output of `pivotsight rod --format json`.
-#[derive(Debug, Deserialize)]
-pub struct RodResult {
-    pub axis_center_mm: [f64; 2],
-    pub axis_center_u95_mm: OneOrTwo,
-    pub diameter_mm: Option<f64>,
-    pub diameter_u95_mm: Option<f64>,
-    pub eccentricity_mm: Option<f64>,
-    pub axis_separated: Option<bool>,
-    #[serde(default)]
-    pub rod_centers: Vec<RodCenter>,
-    #[serde(default)]
-    pub warnings: Vec<String>,
-}
-
-#[derive(Debug, Deserialize)]
-pub struct RodCenter {
-    pub c_deg: f64,
-    pub center_mm: [f64; 2],
-    pub center_u95_mm: OneOrTwo,
-}
-
-/// What is used of the output of `pivotsight burn --format json`.
-#[derive(Debug, Deserialize)]
-pub struct BurnResult {
-    pub offset_mm: [f64; 2],
-    pub offset_u95_mm: [f64; 2],
 }
 
 fn plus_one() -> i32 {

@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::input;
 use crate::machine::{Head, Machine, Table};
+use crate::rtcp::results::{BurnResult, RodResult};
 use crate::rtcp::session::{Limit, Session};
-use crate::rtcp::session_file::{Burn, BurnResult, Control, File, Rod, RodResult, Touch};
+use crate::rtcp::session_file::{Burn, Control, File, Rod, Touch};
 use crate::rtcp::solve::Readings;
 use crate::uncertainty::{K95, Measured};
 use crate::units;
@@ -141,12 +141,7 @@ impl Reader<'_> {
     fn burn_offset(&self, burn: &Burn) -> Result<[Measured; 2]> {
         let (offset, u) = match (&burn.result, burn.offset_mm) {
             (Some(file), None) => {
-                let mut json: serde_json::Value = self.json(file)?;
-                // Several pictures: the last one is the test that ended the adjusting.
-                if let Some(last) = json.get_mut("results").and_then(|r| r.as_array_mut()?.pop()) {
-                    json = last;
-                }
-                let result: BurnResult = self.shape(file, json)?;
+                let result = BurnResult::read(&self.beside(file))?;
                 (result.offset_mm, result.offset_u95_mm.map(|u| u / K95))
             }
             (None, Some(offset)) => {
@@ -173,7 +168,7 @@ impl Reader<'_> {
     fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {
         let touch = &file.touch;
         let RodSeen { axis_center_mm, axis_from_seen_mm, rod_offset_mm, diameter_mm } =
-            self.rod(&file.rod, touch.c_deg, file.checks.rod_runout_mm)?;
+            self.rod(&file.rod, (touch.c_deg, file.c_sense), file.checks.rod_runout_mm)?;
         let rim = touch.nozzle_rim_radius_mm.unwrap_or_else(|| {
             self.warnings.push(
                 "touch.nozzle_rim_radius_mm is not given: a nozzle not square to the rod is taken to touch with its middle"
@@ -211,7 +206,7 @@ impl Reader<'_> {
     fn rod(
         &mut self,
         rod: &Rod,
-        touch_c_deg: Option<f64>,
+        (touch_c_deg, c_sense): (Option<f64>, i32),
         runout_mm: Option<f64>,
     ) -> Result<RodSeen> {
         let mut eccentricity = match rod.eccentricity_mm {
@@ -223,21 +218,15 @@ impl Reader<'_> {
         let mut is_rods = rod.result.is_none() && eccentricity.is_some();
         let (center, u, diameter) = match (&rod.result, rod.center_mm) {
             (Some(file), None) => {
-                let json = self.json(file)?;
-                let result: RodResult = self.shape(file, json)?;
+                let result = RodResult::read(&self.beside(file))?;
                 self.warnings.extend(result.warnings.iter().map(|w| format!("S2, rod: {w}")));
-                let nearest = touch_c_deg.and_then(|c| {
-                    result
-                        .rod_centers
-                        .iter()
-                        .find(|r| ((r.c_deg - c + 180.0).rem_euclid(360.0) - 180.0).abs() < 0.5)
-                });
-                is_rods = result.axis_separated == Some(false);
-                // The rod's own centre, seen at the touches' angle, is the very centre seen.
-                offset = nearest.map(|r| Measured {
-                    value: r.center_mm[0] - result.axis_center_mm[0],
-                    u: if is_rods { 0.0 } else { r.center_u95_mm.pair()[0] / K95 },
-                });
+                is_rods = result.is_rods();
+                offset = touch_c_deg.and_then(|c| result.offset_at(c, c_sense));
+                if let (Some(c), None) = (touch_c_deg, offset) {
+                    self.warnings.push(format!(
+                        "S2, rod: it was not seen at touch.c_deg = {c} and what was seen does not tell where it stood: its eccentricity counts as uncertainty"
+                    ));
+                }
                 if result.rod_centers.len() > 1 {
                     eccentricity = eccentricity.or(result.eccentricity_mm);
                 }
@@ -370,31 +359,5 @@ impl Reader<'_> {
     /// A path in the file is seen from the file's folder.
     pub(super) fn beside(&self, file: &Path) -> std::path::PathBuf {
         self.path.parent().map_or_else(|| file.to_owned(), |folder| folder.join(file))
-    }
-
-    fn json(&self, file: &Path) -> Result<serde_json::Value> {
-        let path = self.beside(file);
-        let text = input::text(&path, input::MOST_SETTINGS)?;
-        serde_json::from_str(&text).map_err(|e| {
-            Error::file(
-                &path,
-                format!("is not JSON ({e})"),
-                "write it with --format json --out FILE",
-            )
-        })
-    }
-
-    fn shape<T: serde::de::DeserializeOwned>(
-        &self,
-        file: &Path,
-        json: serde_json::Value,
-    ) -> Result<T> {
-        serde_json::from_value(json).map_err(|e| {
-            Error::file(
-                self.beside(file),
-                format!("is not the expected result ({e})"),
-                "write it with --format json --out FILE",
-            )
-        })
     }
 }

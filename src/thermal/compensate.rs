@@ -68,7 +68,8 @@ impl Compensator {
 
     /// Answers one JSON line; a line that cannot be read gets the flag `bad-line` and no correction.
     pub fn answer_line(&mut self, line: &str) -> Answer {
-        match serde_json::from_str::<Request>(line) {
+        // A file's first line may begin with a byte order mark.
+        match serde_json::from_str::<Request>(line.trim_start_matches('\u{feff}')) {
             Ok(request) => self.answer(&request),
             Err(e) => Answer { flags: vec![format!("bad-line: {e}")], ..Answer::default() },
         }
@@ -119,7 +120,8 @@ impl Compensator {
             flags.push(format!("screw-missing:{axis}"));
             return None;
         };
-        if !position_mm.is_finite() {
+        // Beyond a kilometre no axis goes: a number that was torn or in another unit.
+        if position_mm.is_nan() || position_mm.abs() > 1e6 {
             flags.push(format!("position-missing:{axis}"));
             return None;
         }

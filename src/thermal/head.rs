@@ -66,6 +66,10 @@ impl Data {
     pub fn read(path: impl AsRef<std::path::Path>, cold_c: &[f64]) -> Result<Self> {
         let table = Table::read(path, &["displacement_mm"], &["head_*_c"])?;
         let sensors = sensor_columns(&table)?;
+        if sensors.is_empty() {
+            let reason = "has no head sensor column";
+            return Err(Error::file(table.path(), reason, "add head_1_c, head_2_c, ..."));
+        }
         if !cold_c.is_empty() && cold_c.len() != sensors.len() {
             return Err(Error::option(
                 "--cold-c",
@@ -92,17 +96,12 @@ impl Data {
     }
 }
 
-/// `head_1_c` to `head_n_c` without a gap.
-pub(super) fn sensor_columns(table: &Table) -> Result<Vec<String>> {
+/// `head_1_c` to `head_n_c` without a gap, of which there may be none.
+pub fn sensor_columns(table: &Table) -> Result<Vec<String>> {
     let count =
         table.names().iter().filter(|n| n.starts_with("head_") && n.ends_with("_c")).count();
     let names: Vec<String> = (1..=count).map(|i| format!("head_{i}_c")).collect();
     match names.iter().find(|n| !table.has(n)) {
-        _ if count == 0 => Err(Error::file(
-            table.path(),
-            "has no head sensor column",
-            "add head_1_c, head_2_c, ...",
-        )),
         Some(missing) => Err(Error::field(
             table.path(),
             None,

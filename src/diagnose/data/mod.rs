@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use crate::diagnose::effects::{Library, NAMES};
 use crate::diagnose::experiment::Active;
 use crate::error::{Error, Result, nearest};
-use crate::machine::Machine;
+use crate::machine::{Effect, Machine};
 use crate::table::Table;
 
 /// Numbers rows that agree in all of `columns` (to a part in a million of each column's range) alike.
@@ -119,6 +119,20 @@ pub fn of_model(error: Error, path: &std::path::Path) -> Error {
     }
 }
 
+/// Refuses an effect whose name is nearly one of the library's.
+pub fn spelt(effect: &Effect) -> Result<()> {
+    // One with formulas has whatever name its owner gave it.
+    let own = !effect.outputs.is_empty();
+    match nearest(&effect.name, NAMES).filter(|name| !own && *name != effect.name) {
+        Some(name) => Err(Error::measure(
+            format!("effects: name = \"{}\"", effect.name),
+            "is not the name of an effect",
+            format!("did you mean '{name}'?"),
+        )),
+        None => Ok(()),
+    }
+}
+
 /// The effects that the model file already has, as far as this kind of data knows them.
 pub fn known_effects<C, E: Clone + Default>(
     library: &Library<C, E>,
@@ -128,16 +142,7 @@ pub fn known_effects<C, E: Clone + Default>(
     let mut known = Vec::new();
     for effect in &machine.effects {
         if !library.infos.iter().any(|i| i.name == effect.name) {
-            // One with formulas has whatever name its owner gave it.
-            let anothers = NAMES.contains(&effect.name.as_str()) || !effect.outputs.is_empty();
-            let misspelt = if anothers { None } else { nearest(&effect.name, NAMES) };
-            if let Some(name) = misspelt {
-                return Err(Error::measure(
-                    format!("effects: name = \"{}\"", effect.name),
-                    "is not the name of an effect",
-                    format!("did you mean '{name}'?"),
-                ));
-            }
+            spelt(effect)?;
             warnings.push(format!(
                 "the model's effect '{}' does not touch this kind of data",
                 effect.name

@@ -1,0 +1,125 @@
+//! Results of earlier commands that a session file names: the rod's and the burn test's.
+
+use std::path::Path;
+
+use nalgebra::{Rotation2, Vector2};
+use serde::Deserialize;
+use serde::de::DeserializeOwned;
+use serde_json::Value;
+
+use crate::error::{Error, Result};
+use crate::input;
+use crate::rtcp::session_file::OneOrTwo;
+use crate::uncertainty::{K95, Measured};
+
+/// What is used of the output of `pivotsight rod --format json`.
+#[derive(Debug, Deserialize)]
+pub struct RodResult {
+    pub axis_center_mm: [f64; 2],
+    pub axis_center_u95_mm: OneOrTwo,
+    pub diameter_mm: Option<f64>,
+    pub diameter_u95_mm: Option<f64>,
+    pub eccentricity_mm: Option<f64>,
+    pub axis_separated: Option<bool>,
+    #[serde(default)]
+    pub rod_centers: Vec<RodCenter>,
+    #[serde(default)]
+    pub warnings: Vec<String>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct RodCenter {
+    pub c_deg: f64,
+    pub center_mm: [f64; 2],
+    pub center_u95_mm: OneOrTwo,
+}
+
+/// What is used of the output of `pivotsight burn --format json`.
+#[derive(Debug, Deserialize)]
+pub struct BurnResult {
+    pub offset_mm: [f64; 2],
+    pub offset_u95_mm: [f64; 2],
+}
+
+/// Degrees within which two angles of the table are one.
+const SAME_ANGLE_DEG: f64 = 0.5;
+/// Centres that miss their circle by more do not turn with the table as they are said to, mm.
+const MOST_ASTRAY_MM: f64 = 0.02;
+
+impl RodResult {
+    /// Reads the file.
+    pub fn read(path: &Path) -> Result<Self> {
+        shape(path, json(path, "rod")?)
+    }
+
+    /// The rod's centre at a table angle, seen from the C axis along X: as it was seen there, or where the table turns it to from the
+    /// angles at which it was seen; `None` where these do not tell.
+    pub fn offset_at(&self, c_deg: f64, c_sense: i32) -> Option<Measured> {
+        let axis = Vector2::from(self.axis_center_mm);
+        let off = |r: &RodCenter| Vector2::from(r.center_mm) - axis;
+        let seen = self.rod_centers.iter().find(|r| apart_deg(r.c_deg, c_deg) < SAME_ANGLE_DEG);
+        if let Some(seen) = seen {
+            // The rod's own centre, seen at the touches' angle, is the very centre seen.
+            let u = if self.is_rods() { 0.0 } else { seen.center_u95_mm.pair()[0] / K95 };
+            return Some(Measured { value: off(seen).x, u });
+        }
+        if self.is_rods() || self.rod_centers.len() < 2 {
+            return None;
+        }
+        let turn = |c: f64| Rotation2::new(f64::from(c_sense) * c.to_radians());
+        let count = self.rod_centers.len() as f64;
+        let mean = |of: &dyn Fn(&RodCenter) -> Vector2<f64>| {
+            self.rod_centers.iter().map(of).sum::<Vector2<f64>>() / count
+        };
+        let eccentric = mean(&|r| turn(r.c_deg).inverse() * off(r));
+        let missed = mean(&|r| (off(r) - turn(r.c_deg) * eccentric).map(|v| v * v));
+        let stated = mean(&|r| Vector2::from(r.center_u95_mm.pair()).map(|u| (u / K95).powi(2)));
+        let u2 = 0.5 * (missed + stated).sum();
+        let told = missed.sum().sqrt() < MOST_ASTRAY_MM;
+        told.then(|| Measured { value: (turn(c_deg) * eccentric).x, u: u2.sqrt() })
+    }
+
+    /// Whether its centre is the rod's at one angle and not the table's axis.
+    pub fn is_rods(&self) -> bool {
+        self.axis_separated == Some(false)
+    }
+}
+
+impl BurnResult {
+    /// Reads the file; of several pictures the last, which is the test that ended the adjusting.
+    pub fn read(path: &Path) -> Result<Self> {
+        let mut json = json(path, "burn")?;
+        if let Some(last) = json.get_mut("results").and_then(|r| r.as_array_mut()?.pop()) {
+            json = last;
+        }
+        shape(path, json)
+    }
+}
+
+/// How far two angles lie apart, a whole turn being none.
+fn apart_deg(a: f64, b: f64) -> f64 {
+    ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs()
+}
+
+/// A JSON file, which must be of a command where it says of which it is.
+fn json(path: &Path, command: &str) -> Result<Value> {
+    let fix = "write it with --format json --out FILE";
+    let text = input::text(path, input::MOST_SETTINGS)?;
+    let json: Value = serde_json::from_str(&text)
+        .map_err(|e| Error::file(path, format!("is not JSON ({e})"), fix))?;
+    let wanted = format!("pivotsight.{command}/1");
+    match json.get("schema") {
+        Some(schema) if *schema != *wanted => {
+            let reason = format!("is {schema}, not the {wanted} that this program reads");
+            Err(Error::file(path, reason, fix))
+        }
+        _ => Ok(json),
+    }
+}
+
+fn shape<T: DeserializeOwned>(path: &Path, json: Value) -> Result<T> {
+    serde_json::from_value(json).map_err(|e| {
+        let fix = "write it with --format json --out FILE";
+        Error::file(path, format!("is not the expected result ({e})"), fix)
+    })
+}
