@@ -338,3 +338,61 @@ fn a_ring_that_clouds_move_is_measured_as_well_as_it_tells() {
         assert!(off_mm < u95_mm && u95_mm < 0.4, "{seed}: {off_mm} ± {u95_mm}");
     }
 }
+
+/// A small spot away from the ring's centre is measured where it is burnt and alone, on an annulus' inner edge too; one of several is spatter.
+#[test]
+fn a_small_spot_far_out_is_measured_where_it_is_alone() {
+    let center = Vector2::new(318.3, 241.6);
+    let dotted = |inner_px: f64, dots: &[(f64, f64)], dot_px: f64| {
+        measure(&picture(|p| {
+            let d = p - center;
+            let is_dot = dots.iter().any(|(x, y)| (d - Vector2::new(*x, *y)).norm() < dot_px);
+            match (is_dot, (inner_px..190.0).contains(&d.norm())) {
+                (true, _) => 15.0,
+                (false, true) => BURNT + 40.0,
+                (false, false) => PLATE,
+            }
+        }))
+    };
+    for (inner_px, at, dot_px) in
+        [(0.0, (66.3, -44.4), 10.0), (150.0, (-128.6, 30.2), 10.5), (150.0, (131.0, 49.0), 8.0)]
+    {
+        let off_mm = off_mm(&dotted(inner_px, &[at], dot_px).unwrap(), Vector2::new(at.0, at.1));
+        assert!(off_mm < 0.002, "{at:?}, {dot_px}: off by {off_mm}");
+    }
+    let spatter = dotted(0.0, &[(66.3, -44.4), (-70.0, 52.0), (20.0, 93.0)], 10.0);
+    assert!(spatter.is_err(), "{:?}", spatter.map(|m| m.report.spot.center_px));
+}
+
+/// A dark spot in a light burn is no glare: it is the spot, and not the innermost of the burn's own bands.
+#[test]
+fn a_dark_spot_in_a_light_banded_burn_is_the_spot() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(62.0, 14.0);
+    let found = measure(&picture(|p| {
+        let r = (p - center).norm();
+        let bands = 8.0 * (std::f64::consts::TAU * r / 48.0).cos();
+        match ((p - center - offset_px).norm() < 18.0, r < 190.0) {
+            (true, _) => 120.0,
+            (false, true) => 215.0 + bands,
+            (false, false) => 150.0,
+        }
+    }))
+    .unwrap();
+    assert!(off_mm(&found, offset_px) < 0.002, "{:?}", found.report.spot.center_px);
+}
+
+/// A pale arc far from anything, with a ragged blotch in it, has too much against it; the centre in pixels is that in mm.
+#[test]
+fn what_is_faint_partial_and_far_off_all_at_once_is_no_burn() {
+    let center = Vector2::new(318.3, 241.6);
+    let found = measure(&picture(|p| {
+        let d = p - center;
+        let arc = d.norm() < 190.0 && d.y.atan2(d.x).abs() < 1.7;
+        let blotch =
+            (d - Vector2::new(115.0, 20.0)).norm() < 17.0 + 2.5 * (3.0 * d.y.atan2(d.x)).sin();
+        let grain = 9.0 * ((0.9 * p.x).sin() * (0.8 * p.y).cos() + (1.3 * p.x + 0.7 * p.y).sin());
+        PLATE + grain - if arc { 9.0 } else { 0.0 } - if blotch { 14.0 } else { 0.0 }
+    }));
+    assert!(found.is_err(), "{:?}", found.map(|m| m.report.spot.center_px));
+}

@@ -168,11 +168,17 @@ pub(super) fn measure(
             && inner.contrast * ring.contrast < 0.0
     });
     let ring = match inner {
-        Some(inner) => concentric::join(ring, &inner),
+        Some(inner) => concentric::join(ring, &inner, view),
         None => ring,
     };
     let ring = ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm());
-    if is_lamp(&ring) { Err(Flaw::Lamp) } else { Ok(ring) }
+    if is_lamp(&ring) {
+        Err(Flaw::Lamp)
+    } else if limits(&ring).trust(&ring) {
+        Ok(ring)
+    } else {
+        Err(Flaw::Unsure)
+    }
 }
 
 /// The inner edge of an annulus: of the opposite sense, steady, and as clear as the outer one.

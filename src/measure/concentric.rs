@@ -3,13 +3,14 @@
 
 use nalgebra::{Matrix2, SymmetricEigen, Vector2};
 
+use crate::camera::View;
 use crate::measure::ring::Ring;
 
 /// Squared distance between the two centres, in standard deviations, beyond which they are not one (0.1 %).
 const SAME: f64 = 13.8;
 
 /// The outer edge with its centre improved by the inner one; unchanged where the two disagree.
-pub(super) fn join(mut outer: Ring, inner: &Ring) -> Ring {
+pub(super) fn join(mut outer: Ring, inner: &Ring, view: &View) -> Ring {
     let (a, b) = (outer.center_covariance(), inner.center_covariance());
     let share = correlation(&outer.residuals, &inner.residuals);
     let (root_a, root_b) = (root(a), root(b));
@@ -28,6 +29,7 @@ pub(super) fn join(mut outer: Ring, inner: &Ring) -> Ring {
     let toward_radius = outer.covariance.fixed_view::<1, 2>(2, 0).into_owned();
     let pull = a.try_inverse().map_or(0.0, |inverse| (toward_radius * inverse * step)[0]);
     outer.circle.center += step;
+    outer.center_px = view.to_pixel(outer.circle.center);
     outer.circle.radius += pull;
     outer.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance);
     outer.dof += inner.dof;

@@ -17,6 +17,8 @@ use crate::measure::spot;
 const TRIES: usize = 4;
 /// A ring's step as a part of another's that has no spot.
 const FAINT: f64 = 0.05;
+/// So much that speaks against two circles' being a burn's together makes them something else.
+const TOO_WEAK: usize = 3;
 /// Score of a circle as a part of a clearer one's beside which it is no mark.
 const LESS_CLEAR: f64 = 0.5;
 
@@ -141,6 +143,9 @@ impl<'a> Scene<'a> {
             let clear =
                 spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
+                if weaknesses(&ring, &spot) >= TOO_WEAK {
+                    return Attempt::Flawed(Flaw::Other);
+                }
                 let warnings = warnings(&ring, &spot);
                 return Attempt::Both(Box::new((ring, spot, warnings)));
             }
@@ -236,6 +241,30 @@ impl<'a> Tried<'a> {
         };
         Error::measure(subject, what, help)
     }
+}
+
+/// How much speaks against two circles' being a burn's ring and spot: each of it is seen with burns, but hardly ever much of it together.
+fn weaknesses(ring: &Ring, spot: &Ring) -> usize {
+    /// Contrast over noise, texture included.
+    const FAINT: f64 = 1.5;
+    /// Share of its edge that is seen of a spot.
+    const WHOLE: f64 = 0.9;
+    /// A spot's form in its radii, its radius and how far off it lies in the ring's.
+    const RAGGED: f64 = 0.12;
+    const LARGE: f64 = 0.3;
+    const FAR: f64 = 0.5;
+    let is_faint = |mark: &Ring| mark.contrast.abs() < FAINT * mark.noise;
+    let apart = (spot.circle.center - ring.circle.center).norm();
+    let against = [
+        ring.arc_coverage < spot::PARTLY,
+        is_faint(ring),
+        spot.arc_coverage < WHOLE,
+        is_faint(spot),
+        spot.form_rms_mm > RAGGED * spot.circle.radius,
+        spot.circle.radius > LARGE * ring.circle.radius,
+        apart > FAR * ring.circle.radius,
+    ];
+    against.into_iter().filter(|weak| *weak).count()
 }
 
 /// What about two marks makes them less sure.

@@ -24,13 +24,14 @@ pub(super) struct Place {
     pub(super) near: bool,
 }
 
-/// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, a large one, and a tiny one in
-/// the middle.
-pub(super) const PLACES: [Place; 4] = [
+/// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, a large one, a tiny one in
+/// the middle, and at last one anywhere.
+pub(super) const PLACES: [Place; 5] = [
     Place { reach: 0.7, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
     Place { reach: 0.9, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
     Place { reach: 0.5, radii: (0.3, 0.75), measured: (0.3, 0.7), near: false },
     Place { reach: 0.3, radii: (0.02, 0.07), measured: (0.0, 0.1), near: true },
+    Place { reach: 0.9, radii: (0.03, 0.1), measured: (0.0, 0.13), near: true },
 ];
 /// A large one is as sharp as the ring, to a pixel, as the ring's own zones are softer, and burnt as the ring is: its softness and its
 /// step as parts of the ring's.
@@ -39,6 +40,10 @@ const LARGE: (f64, f64) = (1.1, 0.25);
 const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
 const OWN: (f64, f64) = (0.3, 0.03);
+/// So small and so far off the ring's centre, in the ring's radii, what is round may be spatter or dirt, unless its step is such a part of
+/// the ring's, and there is no other.
+const DOT: (f64, f64) = (0.1, 0.3);
+const DOT_STEP: f64 = 0.5;
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
@@ -64,6 +69,9 @@ const NEARBY: [f64; 2] = [4.0, 2.5];
 /// What a spot must keep to, and one that is seen in part or faint.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
+/// One that is whole and so clear (contrast over noise, texture included) may be rather oval or ragged.
+const CLEARLY: f64 = 5.0;
+const OVAL: Limits = Limits { form: 0.15, ..SPOT };
 /// Of ring and spot one at least is seen to this part, the ring if the spot is tiny, unless ...
 pub(super) const PARTLY: f64 = 0.8;
 /// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
@@ -114,14 +122,19 @@ pub(super) fn candidates(
     );
     let off = |c: &Candidate| (c.circle.center - ring.center).norm() / ring.radius;
     let rank = |c: &Candidate| {
-        // Beside the centre what is lighter than the burn may well be a glare, too.
-        let doubt = if c.step * outer.step < 0.0 { 3.0 } else { 1.0 };
+        // Beside the centre what is lighter than a dark burn may well be a glare, too.
+        let doubt = if c.step < 0.0 && outer.step > 0.0 { 3.0 } else { 1.0 };
         let toward_center = 1.0 + doubt * (off(c) / 0.5).powi(2);
         let strength = c.score * (c.step.abs() * c.circle.radius).sqrt() * c.coverage;
         strength / toward_center / glow(c, GLARE)
     };
-    // A dot that small is believed to be the spot only where the spot should be.
-    let spatter = |c: &Candidate| c.circle.radius < 0.1 * ring.radius && off(c) > 0.3;
+    // A dot that small, away from where the spot should be, is believed to be it only where it is burnt and alone.
+    let is_dot = |c: &Candidate| c.circle.radius < DOT.0 * ring.radius && off(c) > DOT.1;
+    let dots: Vec<Candidate> = inside.iter().filter(|c| is_dot(c)).copied().collect();
+    let spatter = |c: &Candidate| {
+        let burnt = c.coverage > WHOLE && c.step.abs() > DOT_STEP * outer.step.abs();
+        is_dot(c) && !(burnt && dots.iter().all(|o| !is_like(o, c, &DOTS)))
+    };
     let is_usual = |c: &Candidate| {
         off(c) <= PLACES[0].reach && c.circle.radius <= PLACES[0].radii.1 * ring.radius
     };
@@ -140,23 +153,33 @@ pub(super) fn candidates(
     spots
 }
 
+/// How much two circles beside each other are alike.
+struct Alike {
+    /// Score of the other, at least, and how much smaller, fainter or the other way round it may be, as parts of the one's.
+    score: f64,
+    size: f64,
+    step: f64,
+}
+
+/// Marks like a spot, and dots like a dot.
+const SPOTS: Alike = Alike { score: 0.6, size: 0.75, step: 0.6 };
+const DOTS: Alike = Alike { score: 0.4, size: 0.5, step: 0.4 };
+
+/// Whether a circle beside another is like it.
+fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
+    let within = |ratio: f64, least: f64| (least..1.0 / least).contains(&ratio);
+    (other.circle.center - c.circle.center).norm() > c.circle.radius + other.circle.radius
+        && other.score > alike.score * c.score
+        && within(other.circle.radius / c.circle.radius, alike.size)
+        && within(other.step / c.step, alike.step)
+}
+
 /// Whether others look like the likeliest spot: spatter, balls and strands are many, the spot is one.
 pub(super) fn has_rivals(place: &Place, spots: &[Candidate]) -> bool {
-    /// Score, size and step as parts of the spot's.
-    const CLEAR: f64 = 0.6;
-    const SIZE: std::ops::Range<f64> = 0.75..1.35;
-    const STEP: std::ops::Range<f64> = 0.6..1.6;
     let Some((spot, others)) = spots.split_first() else { return false };
-    let is_rival = |c: &&Candidate| {
-        let apart = (c.circle.center - spot.circle.center).norm();
-        c.score > CLEAR * spot.score
-            && apart > c.circle.radius + spot.circle.radius
-            && SIZE.contains(&(c.circle.radius / spot.circle.radius))
-            && STEP.contains(&(c.step / spot.step))
-    };
     // Two may be glares or dirt; of dots any other says that they are many.
     let most = if place.near { 0 } else { 2 };
-    others.iter().filter(is_rival).count() > most
+    others.iter().filter(|c| is_like(c, spot, &SPOTS)).count() > most
 }
 
 /// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter, as is one far less clear.
@@ -303,7 +326,12 @@ impl Inside<'_> {
         let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
         let is_faint = (found.contrast / self.ring.contrast).abs() < FAINT;
         let unsure = (in_part && found.form_from_texture_mm == 0.0) || is_faint;
-        let limits = if unsure { &PART } else { &SPOT };
+        let clear = found.contrast.abs() > CLEARLY * found.noise && found.arc_coverage > WHOLE;
+        let limits = match (unsure, clear) {
+            (true, _) => &PART,
+            (false, true) => &OVAL,
+            (false, false) => &SPOT,
+        };
         limits.are_kept(found, self.view)
             && (self.place.measured.0..self.place.measured.1).contains(&size)
             && apart < 1.0
@@ -311,7 +339,8 @@ impl Inside<'_> {
             && !self.is_glare(found)
             && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
             && !is_rings_own
-            && !((in_part || self.place.near) && self.ring.arc_coverage < PARTLY)
+            && !((in_part || self.place.near || size > PLACES[0].measured.1)
+                && self.ring.arc_coverage < PARTLY)
             && !is_polygon(found)
             && !strayed(found, rough)
     }
