@@ -1,5 +1,8 @@
 //! Sizes that no machine has: what gives them is more likely in the model or the file than in the machine.
 
+use std::collections::BTreeMap;
+
+use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
 use crate::diagnose::select::Selection;
@@ -25,10 +28,37 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
             Some(format!("{name} adds up to {most:.1} mm, {CHECK}"))
         })
         .collect();
+    let within = doubts.is_empty();
+    let layout = fitter.experiment.layout();
+    doubts.extend(copies(layout).map(|count| {
+        format!("all {count} repeated captures are the same to the last digit: copies tell nothing of the noise")
+    }));
+    if effects.iter().all(|e| e.untestable.is_some()) {
+        doubts.push(
+            "no effect of the library could be tested: that nothing is found says nothing".into(),
+        );
+    }
     let gap = s.baseline.residual.iter().enumerate();
     let gap = gap.filter(|(i, _)| fitter.space.kept(*i)).map(|(_, r)| *r);
-    if let (true, Some(most)) = (doubts.is_empty(), beyond_machines(gap)) {
+    if let (true, Some(most)) = (within, beyond_machines(gap)) {
         doubts.push(format!("the data are up to {most:.1} mm off the model, {CHECK}"));
     }
     doubts
+}
+
+/// How many captures repeat another, if each of them is that other's copy and they are too many for that to be chance.
+fn copies(layout: &Layout) -> Option<usize> {
+    const LEAST: usize = 3;
+    let mut captures = vec![Vec::new(); layout.group_count()];
+    layout.groups.iter().zip(&layout.values).for_each(|(g, v)| captures[*g].push(*v));
+    let mut first: BTreeMap<usize, &[f64]> = BTreeMap::new();
+    let mut count = 0;
+    for (site, values) in layout.sites.iter().zip(&captures) {
+        match first.get(site) {
+            Some(same) if *same != values.as_slice() => return None,
+            Some(_) => count += 1,
+            None => drop(first.insert(*site, values)),
+        }
+    }
+    (count >= LEAST).then_some(count)
 }

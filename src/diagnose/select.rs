@@ -164,7 +164,8 @@ impl Selection {
             f.model.active.iter().any(|a| !effects[a.effect].varies_with.is_empty());
         let loose = named_loosely || shapes > 0;
         let least = if loose { LEAST_CHI2 } else { 0.0 };
-        let big = |s: &Score| s.excess() > least && s.cleared_excess() > LEAST_SHARE * explained;
+        // Few values are never much above a noise that holds the effect itself: it counts in the noise that it would leave.
+        let big = |s: &Score| s.cleared_excess() > least.max(LEAST_SHARE * explained);
         let library = library.filter(|l| big(l));
         let generic = generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
         let rivals = || library.iter().chain(generic.iter().map(|(_, g)| g));

@@ -16,6 +16,7 @@ use crate::error::Result;
 use crate::fit::robust::range;
 use crate::machine::Machine;
 use crate::table::Table;
+use crate::thermal::head::sensor_columns;
 use crate::units;
 
 /// The columns of a file by name, with the head vector where the kind needs it.
@@ -131,6 +132,7 @@ impl ColumnsExperiment {
     ) -> Result<Self> {
         let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
+        warnings.extend(units::celsius("temp_c", data.get("temp_c")));
         let highest = data.get("height_mm").iter().copied().fold(0.0, f64::max);
         warnings.extend(units::height("column 'height_mm'", highest));
         Self::new(&BURN, table, data, Vec::new(), machine, warnings)
@@ -144,9 +146,7 @@ impl ColumnsExperiment {
     ) -> Result<Self> {
         let mut data = read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
         warnings.extend(units::celsius("screw_c", data.get("screw_c")));
-        let sensors = table.names().iter().filter(|n| n.starts_with("head_")).count();
-        for k in 1..=sensors {
-            let name = format!("head_{k}_c");
+        for name in sensor_columns(table)? {
             let column = table.column(&name)?;
             warnings.extend(units::celsius(&name, &column));
             let t = data.get("t_s");
@@ -169,6 +169,7 @@ impl ColumnsExperiment {
         need_head_b_table_c("ballbar", machine)?;
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
+        warnings.extend(units::celsius("temp_c", data.get("temp_c")));
         check_direction(table, "dir", data.get("dir"), warnings)?;
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();

@@ -150,6 +150,7 @@ impl RtcpExperiment {
             temp_c: column("temp_c")?,
             commanded,
         };
+        warnings.extend(units::celsius("temp_c", &data.temp_c));
         let mut measured = Vec::with_capacity(3 * rows);
         for name in ["dx_mm", "dy_mm", "dz_mm"] {
             let d = column(name)?;
