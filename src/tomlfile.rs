@@ -57,10 +57,18 @@ fn line_with(text: &str, field: &str) -> Option<u64> {
     lines.next().filter(|_| lines.next().is_none())
 }
 
+/// Tables whose keys are names of the user's or the effects library's: one that begins with `x_`, such as `x_mm`, is no extension.
+const OF_NAMES: [&str; 3] = ["parameters", "parameters_u95", "outputs"];
+
 fn strip_extensions(table: &mut toml::Table) {
     table.retain(|key, _| !key.starts_with("x_") && !key.starts_with("x-"));
-    for (_, value) in table.iter_mut() {
+    strip_within(table);
+}
+
+fn strip_within(table: &mut toml::Table) {
+    for (key, value) in table.iter_mut() {
         match value {
+            toml::Value::Table(names) if OF_NAMES.contains(&key.as_str()) => strip_within(names),
             toml::Value::Table(inner) => strip_extensions(inner),
             toml::Value::Array(items) => {
                 items.iter_mut().filter_map(toml::Value::as_table_mut).for_each(strip_extensions)
@@ -85,6 +93,16 @@ mod tests {
         assert_eq!(parse::<Small>("f.toml", "a = 1.0\nx_who = 'me'\n").unwrap().a, 1.0);
         let message = parse::<Small>("f.toml", "a = 1.0\nbb = 2\n").unwrap_err().to_string();
         assert!(message.starts_with("f.toml:2:") && message.contains("bb"), "{message}");
+    }
+
+    #[test]
+    fn a_parameter_may_be_called_as_an_extension_is() {
+        #[derive(serde::Deserialize)]
+        struct Effect {
+            parameters: std::collections::BTreeMap<String, f64>,
+        }
+        let text = "x_who = 'me'\n[parameters]\nx_mm = 0.01\ny_mm = 0.02\n";
+        assert_eq!(parse::<Effect>("f.toml", text).unwrap().parameters["x_mm"], 0.01);
     }
 
     #[derive(Debug, serde::Deserialize)]
