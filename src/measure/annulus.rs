@@ -70,10 +70,31 @@ fn shares_center(o: &Candidate, c: &Candidate) -> bool {
         && is_as_clear(o, c)
 }
 
-/// Whether a ring is one of many bands about its centre, as ripples and strong tints have: a burn's ring and spot have two edges each.
+/// Edges about one centre, a ring's own included, with such a part of its step: a burn's ring and spot have two each.
+const MOST_EDGES: (usize, f64) = (6, 0.3);
+
+/// Whether a spot stands out from the bands about a ring's centre, where there are many.
+pub(super) fn beats_bands(spot: &Candidate, ring: &Candidate, all: &[Candidate]) -> bool {
+    /// Step of a band as a part of the spot's, at most.
+    const FAINTER: f64 = 0.8;
+    let is_itself = |o: &Candidate| {
+        o.step * spot.step > 0.0 && (o.circle.radius / spot.circle.radius - 1.0).abs() < 0.3
+    };
+    let bands: Vec<f64> = (all.iter())
+        .filter(|o| shares_center(o, ring) && o.circle.radius < 0.97 * ring.circle.radius)
+        .filter(|o| !is_itself(o))
+        .map(|o| o.step.abs())
+        .collect();
+    let strong = |step: &&f64| **step > MOST_EDGES.1 * ring.step.abs();
+    bands.iter().filter(strong).count() < MOST_EDGES.0 - 1
+        || bands.iter().all(|step| *step < FAINTER * spot.step.abs())
+}
+
+/// Whether a ring is one of many bands about its centre, as ripples and strong tints have.
 pub(super) fn is_rippled(look: &Look, ring: &Candidate, all: &[Candidate]) -> bool {
-    /// Edges about the centre, the ring's own included, with such a part of its step.
-    const MOST: (usize, f64) = (6, 0.3);
+    /// Edges within a burn's zones do not make it ripples where its own is so much clearer, as a part of its step, and the last.
+    const CLEAREST: f64 = 0.75;
+    const LAST: f64 = 0.15;
     /// The same beyond the ring.
     const MOST_BEYOND: (usize, f64) = (1, 0.4);
     /// Swings of the mean level beyond it, by such a part of its step: a halo has two.
@@ -87,7 +108,8 @@ pub(super) fn is_rippled(look: &Look, ring: &Candidate, all: &[Candidate]) -> bo
         };
         all.iter().filter(counts).count()
     };
-    rivals(MOST.1, 0.0) > MOST.0
+    let ends = || rivals(CLEAREST, 0.0) <= 1 && rivals(LAST, 1.02 * ring.circle.radius) == 0;
+    (rivals(MOST_EDGES.1, 0.0) > MOST_EDGES.0 && !ends())
         || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
         || find::swings_beyond(look, ring.circle, SWING * ring.step.abs()) > MOST_SWINGS
 }

@@ -115,7 +115,9 @@ impl<'a> Scene<'a> {
             self.steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
         let spots_at = |place: &'static spot::Place| {
             let near = place.look_near(self.frame, outer);
-            let spots = spot::candidates(near.as_ref().unwrap_or(&self.look), outer, &edges, place);
+            let look = near.as_ref().unwrap_or(&self.look);
+            let mut spots = spot::candidates(look, outer, &edges, place);
+            spots.retain(|s| annulus::beats_bands(s, outer, &self.steady));
             (!spots.is_empty()).then_some((place, near, spots))
         };
         let mut looks = spot::PLACES.iter().filter_map(spots_at).peekable();

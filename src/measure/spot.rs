@@ -72,8 +72,10 @@ const PART: Limits = Limits { doubt: 0.02, ..SPOT };
 /// One that is whole and so clear (contrast over noise, texture included) may be rather oval or ragged.
 const CLEARLY: f64 = 5.0;
 const OVAL: Limits = Limits { form: 0.15, ..SPOT };
-/// Of ring and spot one at least is seen to this part, the ring if the spot is tiny, unless ...
+/// Of ring and spot one at least is seen to this part, the ring if the spot is large or tiny, but for a clear dot so near to its middle, in
+/// the ring's radii, unless ...
 pub(super) const PARTLY: f64 = 0.8;
+const MIDDLE: f64 = 0.15;
 /// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
@@ -153,17 +155,18 @@ pub(super) fn candidates(
     spots
 }
 
-/// How much two circles beside each other are alike.
+/// How much two circles beside each other are alike: score of the other, at least, and how much smaller, fainter or the other way round
+/// it may be, as parts of the one's; whether one lighter than its surroundings is like a darker one.
 struct Alike {
-    /// Score of the other, at least, and how much smaller, fainter or the other way round it may be, as parts of the one's.
     score: f64,
     size: f64,
     step: f64,
+    either: bool,
 }
 
 /// Marks like a spot, and dots like a dot.
-const SPOTS: Alike = Alike { score: 0.6, size: 0.75, step: 0.6 };
-const DOTS: Alike = Alike { score: 0.4, size: 0.5, step: 0.4 };
+const SPOTS: Alike = Alike { score: 0.6, size: 0.75, step: 0.6, either: false };
+const DOTS: Alike = Alike { score: 0.35, size: 0.5, step: 0.4, either: true };
 
 /// Whether a circle beside another is like it.
 fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
@@ -171,7 +174,8 @@ fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
     (other.circle.center - c.circle.center).norm() > c.circle.radius + other.circle.radius
         && other.score > alike.score * c.score
         && within(other.circle.radius / c.circle.radius, alike.size)
-        && within(other.step / c.step, alike.step)
+        && (alike.either || other.step * c.step > 0.0)
+        && within((other.step / c.step).abs(), alike.step)
 }
 
 /// Whether others look like the likeliest spot: spatter, balls and strands are many, the spot is one.
@@ -339,8 +343,10 @@ impl Inside<'_> {
             && !self.is_glare(found)
             && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
             && !is_rings_own
-            && !((in_part || self.place.near || size > PLACES[0].measured.1)
-                && self.ring.arc_coverage < PARTLY)
+            && (self.ring.arc_coverage >= PARTLY
+                || !(in_part
+                    || size > PLACES[0].measured.1
+                    || self.place.near && !(clear && apart < MIDDLE)))
             && !is_polygon(found)
             && !strayed(found, rough)
     }
