@@ -2,7 +2,7 @@
 //! them is tried beside it at a time.
 
 use crate::diagnose::exchange::price;
-use crate::diagnose::fit::{Extra, Fitted, Fitter};
+use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, parts, remove_all};
 use crate::diagnose::select::{Selection, library_bonus};
 
@@ -13,7 +13,7 @@ impl Selection {
     /// Grows an answer with shapes again from its names, by names only and then as usual; keeps the likelier one.
     pub(super) fn grow_again(&mut self, fitter: &Fitter) {
         let extras = &self.fitted.model.extras;
-        let shape = |i: &usize| matches!(extras[*i].kind, Extra::Generic(_));
+        let shape = |i: &usize| extras[*i].is_shape();
         let shapes: Vec<Part> = (0..extras.len()).filter(shape).map(Part::Extra).collect();
         if shapes.is_empty() {
             return;

@@ -4,7 +4,7 @@ use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
 use crate::diagnose::pool::Who;
-use crate::diagnose::score::{Score, Standing};
+use crate::diagnose::score::{AS_MUCH, Score, Standing};
 use crate::diagnose::select::{Selection, library_bonus};
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.
@@ -32,9 +32,14 @@ impl Selection {
             let layout = fitter.experiment.layout();
             let (more, captures) = (next.rank as f64 - f.rank as f64, layout.group_count() as f64);
             let price = more * captures / (captures - more - 1.0).max(1.0);
+            // A name that explains as much as a shape is what it is.
+            let shapes = |f: &Fitted| f.model.extras.iter().filter(|e| e.is_shape()).count();
+            let slack = if shapes(&next) < shapes(f) { 0.5 * AS_MUCH } else { 0.0 };
             let noisier = next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0];
             let spared = free_price(fitter, f) - free_price(fitter, &next);
-            if (noisier && gain + spared < 0.0) || (!layout.random.is_empty() && gain < price) {
+            if (noisier && gain + spared < 0.0)
+                || (!layout.random.is_empty() && gain + slack < price)
+            {
                 return;
             }
             self.fitted = next;
@@ -161,6 +166,8 @@ impl Selection {
         }
         if let Some((_, both)) = found {
             self.fitted = both;
+            // The shape beside the name may be another name's.
+            self.exchange(fitter);
         }
     }
 

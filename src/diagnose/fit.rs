@@ -33,6 +33,13 @@ pub struct ExtraTerm {
     pub values: Vec<f64>,
 }
 
+impl ExtraTerm {
+    /// Whether it is a shape without a name.
+    pub fn is_shape(&self) -> bool {
+        matches!(self.kind, Extra::Generic(_))
+    }
+}
+
 /// The model as far as it has been built up.
 #[derive(Debug, Clone)]
 pub struct Model {

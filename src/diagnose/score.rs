@@ -30,7 +30,7 @@ pub struct Score {
 
 /// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is; in units of the noise
 /// that the shape would leave, as what both explain is no noise.
-const AS_MUCH: f64 = 4.0;
+pub(super) const AS_MUCH: f64 = 4.0;
 
 impl Score {
     /// Whether a name's score leaves a shape's nothing to say.

@@ -157,7 +157,7 @@ impl Selection {
         );
         let named = self.strongest_named(fitter);
         let explained = self.explained(fitter);
-        let shapes = f.model.extras.iter().filter(|e| matches!(e.kind, Extra::Generic(_))).count();
+        let shapes = f.model.extras.iter().filter(|e| e.is_shape()).count();
         // Exact geometry has no form to be wrong: what remains beside it is something else, whatever its size. A shape without a
         // name is only like what it stands for, and leaves some of it.
         let named_loosely =

@@ -56,7 +56,7 @@ fn coefficients(fitter: &Fitter, s: &Selection, largest_mm: f64) -> (Vec<f64>, D
     let f = &s.fitted;
     let offsets = fitter.offsets(&f.model);
     let of_shapes: Vec<usize> = (f.model.extras.iter().enumerate())
-        .filter(|(_, e)| matches!(e.kind, Extra::Generic(_)))
+        .filter(|(_, e)| e.is_shape())
         .flat_map(|(i, e)| {
             let at = offsets[f.model.active.len() + i];
             at..at + e.values.len()
