@@ -1,4 +1,5 @@
-//! Sizes that no machine has: what gives them is more likely in the model or the file than in the machine.
+//! What is to be doubted of an answer: sizes that no machine has, which are more likely the model's or the file's, repeats that are copies, and
+//! data that can test nothing.
 
 use std::collections::BTreeMap;
 
@@ -16,7 +17,7 @@ pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
     (most > MOST_MM).then_some(most)
 }
 
-/// What is to be doubted of an answer, in words: effects of such a size, or else such a gap.
+/// What is to be doubted of an answer, in words.
 pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
     const CHECK: &str = "more than any machine shows: check that --model is the machine measured and that the columns are in mm and degrees";
     let model = &s.fitted.model;
