@@ -37,7 +37,7 @@ fn has(result: &Value, pointers: &[&str]) {
     }
 }
 
-const BURN: [&str; 21] = [
+const BURN: [&str; 22] = [
     "/image",
     "/ring/center_mm/1",
     "/ring/center_px/1",
@@ -52,6 +52,7 @@ const BURN: [&str; 21] = [
     "/distance_mm",
     "/distance_u95_mm",
     "/zone_mm",
+    "/zone_u95_mm",
     "/tolerance_mm",
     "/verdict",
     "/correction/b_deg",
@@ -108,6 +109,7 @@ fn every_output_keeps_its_schema() {
             "/pairs/0/distance_mm",
             "/pairs/0/distance_u95_mm",
             "/pairs/0/zone_mm",
+            "/pairs/0/zone_u95_mm",
         ],
     );
     std::fs::create_dir(dir.join("shots")).unwrap();

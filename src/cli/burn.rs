@@ -200,7 +200,7 @@ fn lines(r: &Offset) -> String {
         "  {:<11}{} mm{of_distance}   zone {} mm{of_zone}",
         "distance",
         text(r.distance_mm, r.distance_u95_mm),
-        text(r.zone_mm, 2.0 * r.distance_u95_mm),
+        text(r.zone_mm, r.zone_u95_mm),
     );
     let _ = writeln!(t, "  {:<11}{}", "verdict", verdict(r.verdict));
     let c = &r.correction;

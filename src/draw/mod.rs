@@ -41,7 +41,7 @@ pub fn burn(
     let found = &report.offset;
     let (value, u95, kind) = match found.tolerance_kind {
         ToleranceKind::Distance => (found.distance_mm, found.distance_u95_mm, "distance"),
-        ToleranceKind::Zone => (found.zone_mm, 2.0 * found.distance_u95_mm, "zone"),
+        ToleranceKind::Zone => (found.zone_mm, found.zone_u95_mm, "zone"),
     };
     let (word, colour) = match found.verdict {
         Verdict::Pass => ("PASS", USED),

@@ -47,6 +47,8 @@ pub struct Pair {
     pub distance_u95_mm: f64,
     /// ISO 1101 concentricity zone: twice the distance.
     pub zone_mm: f64,
+    /// Half-width of its 95 % interval.
+    pub zone_u95_mm: f64,
 }
 
 /// The circles of one picture.
@@ -220,6 +222,7 @@ fn pairs(rings: &[Ring]) -> Vec<Pair> {
                 distance_mm,
                 distance_u95_mm,
                 zone_mm: 2.0 * distance_mm,
+                zone_u95_mm: 2.0 * distance_u95_mm,
             });
         }
     }

@@ -51,6 +51,8 @@ pub struct Offset {
     pub distance_u95_mm: f64,
     /// ISO 1101 concentricity zone: twice the distance.
     pub zone_mm: f64,
+    /// Half-width of its 95 % interval.
+    pub zone_u95_mm: f64,
     /// The limit.
     pub tolerance_mm: f64,
     /// What the limit applies to.
@@ -88,6 +90,7 @@ impl Offset {
             distance_mm,
             distance_u95_mm,
             zone_mm: 2.0 * distance_mm,
+            zone_u95_mm: 2.0 * distance_u95_mm,
             tolerance_mm: limit,
             tolerance_kind: options.tolerance_kind,
             verdict: Verdict::of(factor * distance_mm, factor * distance_u95_mm, limit),
