@@ -89,13 +89,13 @@ pub fn missing(path: &Path) -> String {
         let (link, target) = (gone.display(), target.display());
         return format!("'{link}' is a link to '{target}', which is not there: correct the link");
     }
-    let beside = gone.parent().unwrap_or(Path::new(""));
-    let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
     let wanted = gone.file_name().unwrap_or_default().to_string_lossy();
-    let names = std::fs::read_dir(folder).into_iter().flatten().take(MOST_NAMES).flatten();
     if wanted.contains(['*', '?']) {
         return "no file is written so: a pattern is for 'batch', or for the shell (without quotes)".into();
     }
+    let beside = gone.parent().unwrap_or(Path::new(""));
+    let folder = if beside.as_os_str().is_empty() { Path::new(".") } else { beside };
+    let names = std::fs::read_dir(folder).into_iter().flatten().take(MOST_NAMES).flatten();
     match nearest(&wanted, names.map(|e| e.file_name().to_string_lossy().into_owned())) {
         Some(name) => format!("did you mean '{}'?", beside.join(name).display()),
         _ if gone != path => format!("there is no '{}'; correct the path", gone.display()),

@@ -201,3 +201,9 @@ impl Axis {
         }
     }
 }
+
+/// How far two angles of a rotary axis lie apart, whole turns aside.
+pub fn apart_deg(a: f64, b: f64) -> f64 {
+    let turn = (a - b).rem_euclid(360.0);
+    turn.min(360.0 - turn)
+}

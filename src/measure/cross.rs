@@ -12,6 +12,7 @@ use crate::error::Result;
 use crate::fit::Circle;
 use crate::fit::robust::scatter;
 use crate::frame::Frame;
+use crate::machine::apart_deg;
 use crate::measure::CircleReport;
 use crate::measure::rod;
 use crate::uncertainty::K95;
@@ -197,8 +198,7 @@ pub fn rod(
         let mut points = Vec::new();
         let mut pixel_mm: f64 = 0.0;
         for (i, (frame, view)) in frames.iter().enumerate() {
-            let turn = (captures[i].c_deg - center.c_deg).rem_euclid(360.0);
-            if turn.min(360.0 - turn) > 1e-6 {
+            if apart_deg(captures[i].c_deg, center.c_deg) > 1e-6 {
                 continue;
             }
             let circle = measured.circles[i];

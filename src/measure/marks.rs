@@ -249,8 +249,6 @@ impl<'a> Tried<'a> {
 fn weaknesses(ring: &Ring, spot: &Ring) -> usize {
     /// Contrast over noise, texture included.
     const FAINT: f64 = 1.5;
-    /// Share of its edge that is seen of a spot.
-    const WHOLE: f64 = 0.9;
     /// A spot's form in its radii, its radius and how far off it lies in the ring's.
     const RAGGED: f64 = 0.12;
     const LARGE: f64 = 0.3;
@@ -260,7 +258,7 @@ fn weaknesses(ring: &Ring, spot: &Ring) -> usize {
     let against = [
         ring.arc_coverage < spot::PARTLY,
         is_faint(ring),
-        spot.arc_coverage < WHOLE,
+        spot.arc_coverage < spot::WHOLE,
         is_faint(spot),
         spot.form_rms_mm > RAGGED * spot.circle.radius,
         spot.circle.radius > LARGE * ring.circle.radius,

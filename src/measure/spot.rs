@@ -37,7 +37,7 @@ pub(super) const PLACES: [Place; 5] = [
 /// step as parts of the ring's.
 const LARGE: (f64, f64) = (1.1, 0.25);
 /// Far out, large or tiny it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
-const WHOLE: f64 = 0.9;
+pub(super) const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
 const OWN: (f64, f64) = (0.3, 0.03);
 /// So small and so far off the ring's centre, in the ring's radii, what is round may be spatter or dirt, unless its step is such a part of

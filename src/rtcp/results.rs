@@ -9,6 +9,7 @@ use serde_json::Value;
 
 use crate::error::{Error, Result};
 use crate::input;
+use crate::machine::apart_deg;
 use crate::rtcp::session_file::OneOrTwo;
 use crate::uncertainty::{K95, Measured};
 
@@ -94,11 +95,6 @@ impl BurnResult {
         }
         shape(path, json)
     }
-}
-
-/// How far two angles lie apart, a whole turn being none.
-fn apart_deg(a: f64, b: f64) -> f64 {
-    ((a - b + 180.0).rem_euclid(360.0) - 180.0).abs()
 }
 
 /// A JSON file, which must be of a command where it says of which it is.

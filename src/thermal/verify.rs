@@ -44,11 +44,7 @@ pub struct Report {
 pub fn correct(compensator: &mut Compensator, path: &Path) -> Result<Report> {
     let table =
         Table::read(path, &["axis", "position_mm"], &["screw_c", "error_mm", "t_s", "head_*_c"])?;
-    let head = if table.names().iter().any(|n| n.starts_with("head_")) {
-        sensor_columns(&table)?
-    } else {
-        Vec::new()
-    };
+    let head = sensor_columns(&table)?;
     let errors = table.optional_column("error_mm")?;
     let maybe = |row: usize, name: &str| -> Result<Option<f64>> {
         if table.text(row, name).is_empty() { Ok(None) } else { table.number(row, name).map(Some) }

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector2;
 
 use crate::error::{Error, Result};
+use crate::machine::apart_deg;
 use crate::repeats;
 use crate::table::Table;
 use crate::units;
@@ -124,10 +125,7 @@ pub(super) fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
     let index = captures
         .iter()
         .map(|c| {
-            let same = |a: &f64| {
-                let turn = (a - c.c_deg).rem_euclid(360.0);
-                turn.min(360.0 - turn) < 1e-6
-            };
+            let same = |a: &f64| apart_deg(*a, c.c_deg) < 1e-6;
             angles.iter().position(same).unwrap_or_else(|| {
                 angles.push(c.c_deg);
                 angles.len() - 1
