@@ -12,7 +12,7 @@ const MAX_ROWS: usize = 20_000_000;
 /// The largest number a cell may hold: squares and products of what is beyond are no numbers any more.
 const MOST: f64 = 1e15;
 /// The largest angle, degrees: a table turned a thousand times one way. Far beyond, sine and cosine are of the rounding.
-const MOST_DEG: f64 = 3.6e5;
+pub(crate) const MOST_DEG: f64 = 3.6e5;
 
 /// A CSV file held as text cells, addressed by column name.
 #[derive(Debug, Clone)]
@@ -26,7 +26,7 @@ pub struct Table {
 impl Table {
     /// Reads `path`. Every name in `required` must be a column; columns must be in `required` or
     /// `optional`, or end `optional` with a `*` pattern such as `head_*_c`, or begin with `x_`/`x-`.
-    /// Lines that begin with `#` are comments; empty columns at the end are none.
+    /// Lines that begin with `#` are comments; columns without a cell are none, unless they are required.
     pub fn read(path: impl AsRef<Path>, required: &[&str], optional: &[&str]) -> Result<Self> {
         let path = path.as_ref();
         Self::parse(path, input::bytes(path, input::MOST_TABLE)?, required, optional)
@@ -40,7 +40,11 @@ impl Table {
         optional: &[&str],
     ) -> Result<Self> {
         let path = path.as_ref();
-        let text = input::utf8(path, bytes.into())?;
+        let mut text = input::utf8(path, bytes.into())?;
+        // The reader ends a comment by a line feed alone.
+        if !text.contains('\n') {
+            text = text.replace('\r', "\n");
+        }
         let mut reader = csv::ReaderBuilder::new()
             .comment(Some(b'#'))
             .trim(csv::Trim::All)
@@ -50,8 +54,8 @@ impl Table {
         let record = reader.headers().map_err(|e| csv_error(path, e))?.clone();
         let header_line = lines.line_at(record_start(text.as_bytes(), 0));
         let header = Header { path, line: header_line, required, optional };
-        let names = header.names(&record)?;
-        let index = header.index(&names)?;
+        let mut names = header.names(&record)?;
+        let mut index = header.index(&names)?;
         let mut rows = Vec::new();
         for record in reader.records() {
             let mut record = record.map_err(|e| csv_error(path, e))?;
@@ -75,6 +79,10 @@ impl Table {
                 "add at least one row of data",
             ));
         }
+        // What may be left out may be left empty.
+        let empty = |at: usize| rows.iter().all(|(_, r)| r.get(at).is_none_or(str::is_empty));
+        index.retain(|name, at| required.contains(&name.as_str()) || !empty(*at));
+        names.retain(|name| index.contains_key(name));
         Ok(Self { path: path.to_owned(), names, index, rows })
     }
 

@@ -75,6 +75,16 @@ impl Verdict {
         }
     }
 
+    /// The worst of several: one fail fails all, one undecided leaves all undecided; `None` of none.
+    pub fn worst(verdicts: impl IntoIterator<Item = Self>) -> Option<Self> {
+        let rank = |v: &Self| match v {
+            Self::Pass => 0,
+            Self::Undecided => 1,
+            Self::Fail => 2,
+        };
+        verdicts.into_iter().max_by_key(rank)
+    }
+
     /// The word used in every output.
     pub fn word(self) -> &'static str {
         match self {

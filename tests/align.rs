@@ -310,16 +310,34 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         ("a.cl", "1 2 3 0 0 2\n".into(), "unit vector"),
         ("a.cl", "1 2 NaN 0 0 1\n".into(), "no coordinate"),
         ("a.apt", "GOTO/1,2,3\nCIRCLE/0,0,0,0,0,1,5\n".into(), "a.apt:2: block: CIRCLE is an arc"),
+        ("a.nc", format!("{first}M128\n"), "--rtcp"),
+        ("rtcp.nc", format!("{first}M129\nG1 X5\n"), "rtcp.nc:4: block: moves while RTCP is"),
+        ("rtcp.nc", format!("{first}TRAFOOF\nG1 X5\n"), "moves while RTCP is switched off"),
+        ("rtcp.nc", format!("{first}G49\nG0 Z9\nG43.4 H1\n"), "moves while RTCP is switched off"),
         ("a.apt", "CYCLE/DRILL,5\n".into(), "canned cycle"),
+        ("a.apt", "UNITS/INCHES\nGOTO/1,2,3,0,0,1\n".into(), "in inches"),
+        ("a.apt", "CUTCOM/LEFT\n".into(), "cutter compensation"),
+        ("a.apt", "CALL/SUB\n".into(), "subprogram"),
+        ("a.apt", "TRANS/0,0,5\n".into(), "a shift"),
     ] {
         let input = dir.path().join(name);
         std::fs::write(&input, text).unwrap();
         let output = dir.path().join("out.nc");
-        let message = apply(&alignment, &machine(), &input, &output, &Options::default())
-            .unwrap_err()
-            .to_string();
+        let options = Options { rtcp: name == "rtcp.nc", ..Options::default() };
+        let message =
+            apply(&alignment, &machine(), &input, &output, &options).unwrap_err().to_string();
         assert!(message.contains(words), "{words}: {message}");
         assert!(!output.exists(), "a refused program leaves no half of itself");
+    }
+    // Switched off at the end, or before it is switched on, RTCP does no harm, nor do statements that move nothing.
+    let rtcp = Options { rtcp: true, ..Options::default() };
+    for (name, text, options) in [
+        ("a.nc", "G49\nG43.4 H1\nG1 X0 Y0 Z100 A-20 C0 F500\nG49\nM30\n", &rtcp),
+        ("a.apt", "UNITS/MM\nORIGIN/0,0,0\nCUTCOM/OFF\nGOTO/1,2,3,0,0,1\n", &Options::default()),
+    ] {
+        let input = dir.path().join(name);
+        std::fs::write(&input, text).unwrap();
+        apply(&alignment, &machine(), &input, &dir.path().join("out.nc"), options).unwrap();
     }
     // What moves nothing passes as it stands, words in place, and inverse time is shared out.
     let input = dir.path().join("a.nc");

@@ -223,8 +223,19 @@ fn results_of_burn_and_rod_are_taken_from_their_files() {
         assert!((json["delta_x_mm"].as_f64().unwrap() - DX).abs() < 1e-9, "{json}");
         assert!(json["delta_x_u95_mm"].as_f64().unwrap() < 0.02, "{json}");
         assert_eq!(json["limits"][0]["verdict"], "fail", "12 µm is over the method's limit");
-        assert_eq!(code, 1);
+        assert_eq!((code, &json["verdict"]), (1, &json["limits"][0]["verdict"]));
+        let doubt = json["warnings"].to_string();
+        assert!(doubt.contains("holds 2 pictures, of which the last"), "{doubt}");
     }
+    // Of tests burnt at one setting the mean counts.
+    write(
+        "burn.json",
+        r#"{"results":[{"offset_mm":[0.05,0.0],"offset_u95_mm":[0.002,0.002]}, {"image":"b.png","error":"no ring"}],
+        "mean":{"offset_mm":[0.004,0.0],"offset_u95_mm":[0.001,0.001]}}"#,
+    );
+    let (_, json, _) = command(&folder.path().join("s.toml"), &[]);
+    assert_eq!(json["limits"][0]["value_mm"], 0.004);
+    assert!(!json["warnings"].to_string().contains("pictures"), "{}", json["warnings"]);
     // Another command's result, or one of another form, is none of these.
     write(
         "burn.json",

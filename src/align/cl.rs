@@ -55,6 +55,14 @@ pub fn parse_apt<'a>(line: &'a str, modal: &mut Vector3<f64>) -> Result<Record<'
         let rest = code.split_once('/').map_or("", |r| r.1);
         return pose(rest.split(',').map(str::trim), modal).map(Record::Pose);
     }
+    let upper = code.to_ascii_uppercase();
+    if is("UNITS") && upper.contains("INCH") {
+        return Err(("is a program in inches".into(), "post it in mm"));
+    }
+    // Switched off, or by nothing, they move nothing.
+    let rest = upper.split_once('/').map_or("", |r| r.1);
+    let nothing = |word: &str| word.trim().parse() == Ok(0.0);
+    let off = ["OFF", "NOMORE"].contains(&rest.trim()) || rest.split(',').all(nothing);
     for (name, what) in [
         ("CIRCLE", "an arc"),
         ("MOVARC", "an arc"),
@@ -63,9 +71,12 @@ pub fn parse_apt<'a>(line: &'a str, modal: &mut Vector3<f64>) -> Result<Record<'
         ("GODLTA", "a relative move"),
         ("COPY", "a copied path"),
         ("TRACUT", "a transformation"),
+        ("TRANS", "a shift"),
+        ("ORIGIN", "a shift"),
+        ("ROTABL", "a move of the table"),
+        ("CUTCOM", "cutter compensation"),
+        ("CALL", "a subprogram"),
     ] {
-        let off = code.to_ascii_uppercase().ends_with("/OFF")
-            || code.to_ascii_uppercase().ends_with("/NOMORE");
         if is(name) && !off {
             return Err((
                 format!("{name} is {what}, which cannot be moved"),

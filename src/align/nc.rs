@@ -24,6 +24,17 @@ pub struct Modal {
     pub rapid: Option<bool>,
     /// G93: F is one over the time of the block.
     pub inverse_time: bool,
+    /// RTCP has been switched off in the program itself.
+    pub rtcp_off: bool,
+}
+
+impl Modal {
+    /// A word that switches RTCP on, which has to be known of.
+    fn turn_rtcp_on(&mut self, rtcp: bool) -> Result<(), Refusal> {
+        self.rtcp_off = false;
+        let fix = "give --rtcp: positions are then tool points";
+        if rtcp { Ok(()) } else { Err(("switches RTCP on".into(), fix)) }
+    }
 }
 
 /// Words of several letters that move nothing.
@@ -74,7 +85,7 @@ pub fn parse<'a>(
                     .take_while(|b| b.is_ascii_alphabetic() || **b == b'_')
                     .count();
                 if run > 1 {
-                    word(&text[i..], run, rtcp, block)?;
+                    word(&text[i..], run, rtcp, modal, block)?;
                     break;
                 }
                 let letter = c.to_ascii_uppercase() as char;
@@ -87,6 +98,8 @@ pub fn parse<'a>(
                 }
                 match letter {
                     'G' => dwell |= g_code(value, rtcp, modal, block)?,
+                    'M' if value == 128.0 => modal.turn_rtcp_on(rtcp)?,
+                    'M' if value == 129.0 => modal.rtcp_off = true,
                     _ => check_letter(letter, value)?,
                 }
                 block.words.push((letter, digits));
@@ -107,6 +120,12 @@ pub fn parse<'a>(
     if block.axes.iter().any(Option::is_some) {
         if modal.rapid.is_none() {
             return Err(("moves before any G0 or G1".into(), "program G0 or G1 first"));
+        }
+        if rtcp && modal.rtcp_off {
+            return Err((
+                "moves while RTCP is switched off".into(),
+                "cut such moves out, or switch it on before: with --rtcp positions are tool points",
+            ));
         }
         block.moves = true;
     }
@@ -167,10 +186,6 @@ fn call(word: &str) -> Refusal {
     (format!("{word} calls a subprogram, whose moves are not seen"), "post it without subprograms")
 }
 
-fn rtcp_on() -> Refusal {
-    ("switches RTCP on".into(), "give --rtcp: positions are then tool points")
-}
-
 /// Judges a G code; whether it makes the block a dwell.
 fn g_code(
     value: f64,
@@ -200,7 +215,8 @@ fn g_code(
         910 => return Err(("is incremental".into(), "post it in absolute coordinates (G90)")),
         930 => modal.inverse_time = true,
         940 | 950 => modal.inverse_time = false,
-        434 | 435 if !rtcp => return Err(rtcp_on()),
+        434 | 435 => modal.turn_rtcp_on(rtcp)?,
+        490 | 491 => modal.rtcp_off = true,
         90
         | 100
         | 170..=199
@@ -225,11 +241,17 @@ fn g_code(
 }
 
 /// A word of several letters: harmless ones pass as a comment of the block, the rest is refused.
-fn word<'a>(rest: &'a str, run: usize, rtcp: bool, block: &mut Block<'a>) -> Result<(), Refusal> {
+fn word<'a>(
+    rest: &'a str,
+    run: usize,
+    rtcp: bool,
+    modal: &mut Modal,
+    block: &mut Block<'a>,
+) -> Result<(), Refusal> {
     let name = rest[..run].to_ascii_uppercase();
     match name.as_str() {
-        "TRAORI" | "TRAFOOF" if rtcp => {}
-        "TRAORI" => return Err(rtcp_on()),
+        "TRAORI" => modal.turn_rtcp_on(rtcp)?,
+        "TRAFOOF" if rtcp => modal.rtcp_off = true,
         _ if HARMLESS.contains(&name.as_str()) => {}
         _ if name.starts_with("CYCLE")
             || name.starts_with("POCKET")

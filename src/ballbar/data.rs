@@ -5,6 +5,7 @@ use std::path::Path as FilePath;
 use super::decouple::Options;
 use super::model::{Bar, Point};
 use super::path::{Path, Pose};
+use crate::diagnose::data::check_direction;
 use crate::error::{Error, Result};
 use crate::repeats;
 use crate::table::Table;
@@ -43,6 +44,9 @@ impl Data {
         let shifts = table.optional_column("cup_y_mm")?;
         let mut warnings = Vec::new();
         warnings.extend(units::angles("b_deg", &table.column("b_deg")?));
+        if let Some(dir) = table.optional_column("dir")? {
+            check_direction(&table, "dir", &dir, &mut warnings)?;
+        }
         let rows = repeats::rows_once(&table, &mut warnings);
         for &row in &rows {
             let name = table.text(row, "path");

@@ -57,7 +57,12 @@ pub(super) fn claim(options: &Options, identity: &Value) -> Result<()> {
         if !same(key) {
             return Err(Error::file(
                 &options.out,
-                format!("{what} is not the one this batch was begun with"),
+                match (key, old.get(key).and_then(Value::as_str)) {
+                    ("version" | "input", Some(old)) => {
+                        format!("{what} is not the one this batch was begun with ({old})")
+                    }
+                    _ => format!("{what} is not the one this batch was begun with"),
+                },
                 "go on with the same one, or start again in another --out",
             ));
         }

@@ -1,6 +1,7 @@
 //! Which files a batch measures: a folder, a pattern, a CSV manifest or one file.
 
 use std::collections::HashSet;
+use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
 use crate::error::{Error, Result};
@@ -67,8 +68,11 @@ fn endings(kind: Kind) -> &'static [&'static str] {
     if kind == Kind::Pictures { &named::PICTURES } else { &TABLES }
 }
 
-fn file_name(path: &Path) -> String {
-    path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+/// A name as results tell it, in JSON: two names that are no text would read alike.
+fn text(path: &Path, name: &OsStr) -> Result<String> {
+    name.to_str().map(str::to_owned).ok_or_else(|| {
+        Error::file(path, "has a name that is not UTF-8", "give the file another name")
+    })
 }
 
 fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
@@ -76,18 +80,19 @@ fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
     for entry in std::fs::read_dir(path).map_err(|e| Error::io(path, "read", e))? {
         let entry = entry.map_err(|e| Error::io(path, "read", e))?.path();
         if belongs(&entry, kind) {
-            items.push(Item { name: file_name(&entry), path: entry, calib: None });
+            let name = text(&entry, entry.file_name().unwrap_or_default())?;
+            items.push(Item { name, path: entry, calib: None });
         }
     }
     items.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(items)
 }
 
-fn pattern(text: &str, kind: Kind) -> Result<Vec<Item>> {
-    let paths = glob::glob(text).map_err(|e| {
+fn pattern(pattern: &str, kind: Kind) -> Result<Vec<Item>> {
+    let paths = glob::glob(pattern).map_err(|e| {
         Error::option(
             "PATTERN",
-            format!("'{text}' is not a pattern ({})", e.msg),
+            format!("'{pattern}' is not a pattern ({})", e.msg),
             "use *, ? and [..]",
         )
     })?;
@@ -98,7 +103,7 @@ fn pattern(text: &str, kind: Kind) -> Result<Vec<Item>> {
             Error::io(place, "read", e.into())
         })?;
         if path.is_file() && belongs(&path, kind) {
-            items.push(Item { name: path.to_string_lossy().into_owned(), path, calib: None });
+            items.push(Item { name: text(&path, path.as_os_str())?, path, calib: None });
         }
     }
     items.sort_by(|a, b| a.name.cmp(&b.name));
@@ -145,7 +150,7 @@ mod tests {
             list(input.to_str().unwrap(), Kind::Pictures)
                 .unwrap()
                 .into_iter()
-                .map(|i| file_name(&i.path))
+                .map(|i| i.path.file_name().unwrap().to_str().unwrap().to_owned())
                 .collect()
         };
         assert_eq!(names(dir.path()), ["a.jpg", "b.PNG"]);
@@ -156,5 +161,12 @@ mod tests {
         std::fs::write(&manifest, "image\na.jpg\na.jpg\n").unwrap();
         let message = list(manifest.to_str().unwrap(), Kind::Pictures).unwrap_err().to_string();
         assert!(message.contains("list.csv:3") && message.contains("stands twice"), "{message}");
+        #[cfg(unix)]
+        {
+            let odd = std::os::unix::ffi::OsStrExt::from_bytes(b"lat\xe4.png");
+            std::fs::write(dir.path().join::<&OsStr>(odd), "x").unwrap();
+            let message = list(dir.path().to_str().unwrap(), Kind::Pictures).unwrap_err();
+            assert!(message.to_string().contains("not UTF-8"), "{message}");
+        }
     }
 }

@@ -15,6 +15,7 @@ use crate::camera::Calibration;
 use crate::error::{Error, Result};
 use crate::frame::Picture;
 use crate::measure::{burn, circles, rod};
+use crate::uncertainty::Verdict;
 use crate::{draw, hash, input, tomlfile, units};
 
 /// A job as its file states it.
@@ -281,7 +282,7 @@ impl Prepared<'_> {
                 )
             })?;
             let own = result.get("verdict").and_then(|v| serde_json::from_value(v.clone()).ok());
-            let verdict = limits::worst(judged.iter().map(|j| j.verdict).chain(own));
+            let verdict = Verdict::worst(judged.iter().map(|j| j.verdict).chain(own));
             result.insert("limits".into(), serde_json::to_value(judged).unwrap_or_default());
             result.insert("verdict".into(), serde_json::to_value(verdict).unwrap_or_default());
         }

@@ -27,8 +27,8 @@ pub type Limits = BTreeMap<String, Limit>;
 pub struct Judged {
     /// The key.
     pub key: String,
-    /// Its value.
-    pub value: f64,
+    /// Its value; `null` where the pictures do not tell it, as one angle does not tell an eccentricity.
+    pub value: Option<f64>,
     /// Half-width of its 95 % interval; zero where the result states none.
     pub u95: f64,
     /// The limit.
@@ -43,40 +43,32 @@ impl Limit {
     pub fn judge(&self, value: f64, u95: f64) -> Verdict {
         let upper = self.max.map(|max| Verdict::of(value, u95, max));
         let lower = self.min.map(|min| Verdict::of(-value, u95, -min));
-        worst(upper.into_iter().chain(lower)).unwrap_or(Verdict::Pass)
+        Verdict::worst(upper.into_iter().chain(lower)).unwrap_or(Verdict::Pass)
     }
 }
 
-/// The worst of several verdicts: one fail fails all, one undecided leaves all undecided.
-pub fn worst(verdicts: impl IntoIterator<Item = Verdict>) -> Option<Verdict> {
-    let rank = |v: &Verdict| match v {
-        Verdict::Pass => 0,
-        Verdict::Undecided => 1,
-        Verdict::Fail => 2,
-    };
-    verdicts.into_iter().max_by_key(rank)
-}
-
-/// Holds a result against the limits. A key the result does not have is named in the error.
+/// Holds a result against the limits: what it leaves open is undecided. A key the result does not have is named in the error.
 pub fn judge(limits: &Limits, result: &Map<String, Value>) -> Result<Vec<Judged>, String> {
     limits
         .iter()
         .map(|(key, limit)| {
-            let value = number(result, key).ok_or_else(|| key.clone())?;
+            let value = match place(result, key) {
+                Some(Value::Null) => None,
+                there => Some(there.and_then(Value::as_f64).ok_or_else(|| key.clone())?),
+            };
             let u95 = u95_key(key).and_then(|k| number(result, &k)).unwrap_or(0.0);
-            Ok(Judged {
-                key: key.clone(),
-                value,
-                u95,
-                limit: *limit,
-                verdict: limit.judge(value, u95),
-            })
+            let verdict = value.map_or(Verdict::Undecided, |value| limit.judge(value, u95));
+            Ok(Judged { key: key.clone(), value, u95, limit: *limit, verdict })
         })
         .collect()
 }
 
 /// The number under a path such as `ring.center_mm.0`.
 pub fn number(result: &Map<String, Value>, path: &str) -> Option<f64> {
+    place(result, path)?.as_f64()
+}
+
+fn place<'r>(result: &'r Map<String, Value>, path: &str) -> Option<&'r Value> {
     let mut parts = path.split('.');
     let mut value = result.get(parts.next()?)?;
     for part in parts {
@@ -86,7 +78,7 @@ pub fn number(result: &Map<String, Value>, path: &str) -> Option<f64> {
             _ => return None,
         };
     }
-    value.as_f64()
+    Some(value)
 }
 
 /// Where the uncertainty of `offset_mm.0` stands: `offset_u95_mm.0`.
@@ -112,6 +104,10 @@ mod tests {
         let judged = judge(&limits, result.as_object().unwrap()).unwrap();
         let verdicts: Vec<_> = judged.iter().map(|j| (j.u95, j.verdict)).collect();
         assert_eq!(verdicts, [(0.001, Verdict::Fail), (0.002, Verdict::Undecided)]);
+        let open = serde_json::json!({"eccentricity_mm": null});
+        let one = Limits::from([("eccentricity_mm".into(), Limit { min: None, max: Some(1.0) })]);
+        let judged = judge(&one, open.as_object().unwrap()).unwrap();
+        assert_eq!((judged[0].value, judged[0].verdict), (None, Verdict::Undecided));
         limits.insert("gone_mm".into(), Limit { min: None, max: Some(1.0) });
         assert_eq!(judge(&limits, result.as_object().unwrap()).unwrap_err(), "gone_mm");
     }

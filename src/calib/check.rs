@@ -222,12 +222,3 @@ impl Affine {
         self.squares / self.dof
     }
 }
-
-/// The verdict on all of several.
-pub fn overall(verdicts: impl Iterator<Item = Verdict>) -> Verdict {
-    verdicts.fold(Verdict::Pass, |all, v| match (all, v) {
-        (Verdict::Fail, _) | (_, Verdict::Fail) => Verdict::Fail,
-        (Verdict::Undecided, _) | (_, Verdict::Undecided) => Verdict::Undecided,
-        _ => Verdict::Pass,
-    })
-}

@@ -36,15 +36,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let program = std::env::current_exe().map_err(|e| Error::io("pivotsight", "find", e))?;
     let cases = regress::run(&args.folder, &program)?;
     global.reads(&args.folder, regress::files(&cases))?;
+    let passed = cases.iter().all(|c| c.passed);
+    let mut good = passed;
     if args.update {
         // The difference is shown before anything is overwritten.
         global.say(text(&cases).trim_end());
-        regress::update(&cases)?;
+        good = regress::update(&cases)?;
     }
     if let Some(path) = &args.junit {
         global.write(path, regress::junit(&cases).as_bytes())?;
     }
-    let passed = cases.iter().all(|c| c.passed);
     let output = Output { passed, cases };
     let json = result("regress", &args.folder, &[], &output);
     let cases = &output.cases;
@@ -61,7 +62,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             case.checks.is_empty().then(|| row(serde_json::json!({ "passed": case.passed })));
         checks.chain(bare)
     });
-    let status = if passed || args.update { Status::Good } else { Status::OutOfTolerance };
+    let status = if good { Status::Good } else { Status::OutOfTolerance };
     let document = Document { rows: rows.collect(), json, table: text(cases) };
     Ok(Outcome { document: Some(document), status })
 }

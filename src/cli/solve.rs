@@ -48,7 +48,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
 
     let json = result("solve", &args.session, &warnings, &solution);
-    let status = if solution.good() { Status::Good } else { Status::OutOfTolerance };
+    let good = solution.verdict.is_none_or(|v| v == Verdict::Pass);
+    let status = if good { Status::Good } else { Status::OutOfTolerance };
     Ok(Outcome { document: Some(Document::single(json, table(&solution))), status })
 }
 

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::{Global, Outcome, Status, result, rows};
 use crate::error::{Error, Result};
-use crate::output::Document;
+use crate::output::{Document, Format, write_streamed};
 use crate::thermal::compensate::{self, Compensator};
 use crate::thermal::{self, Model, head, screw, simulate, verify};
 
@@ -109,7 +109,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         Command::Fit(args) => fit(args, global),
         Command::Compensate(args) => match &args.table {
             Some(table) => correct_table(args, table, global),
-            None => stream(args),
+            None => stream(args, global),
         },
         Command::Simulate(args) => write_simulation(args, global),
     }
@@ -149,7 +149,7 @@ fn fit(args: &FitArgs, global: &Global) -> Result<Outcome> {
     // The result is the model file, so --out gets JSON whatever is printed for people.
     match &global.out {
         Some(path) => {
-            global.write(path, document.text(crate::output::Format::Json).as_bytes())?;
+            global.write(path, document.text(Format::Json).as_bytes())?;
             global.say(document.table.trim_end());
             Ok(Outcome { document: None, status: Status::Good })
         }
@@ -165,16 +165,33 @@ fn compensator(args: &CompensateArgs) -> Result<Compensator> {
 }
 
 /// One line in, one line out, at once: a control waits for each answer.
-fn stream(args: &CompensateArgs) -> Result<Outcome> {
+fn stream(args: &CompensateArgs, global: &Global) -> Result<Outcome> {
+    if global.format == Format::Csv {
+        let fix = "leave it out, or give a table with --table";
+        return Err(Error::option("--format csv", "is no form of the answers to JSON lines", fix));
+    }
     let mut compensator = compensator(args)?;
+    let mut bad = 0;
+    match &global.out {
+        Some(path) => write_streamed(path, |file| {
+            bad = answer(&mut compensator, file)?;
+            Ok(())
+        })?,
+        None => bad = answer(&mut compensator, &mut std::io::stdout().lock())?,
+    }
+    Ok(Outcome { document: None, status: if bad > 0 { Status::SomeFailed } else { Status::Good } })
+}
+
+/// Answers what comes on standard input; gives how many lines could not be read.
+fn answer(compensator: &mut Compensator, output: &mut dyn Write) -> Result<usize> {
     let failed = |action, e| Error::io("standard input or output", action, e);
-    let (mut input, mut output) = (std::io::stdin().lock(), std::io::stdout().lock());
+    let mut input = std::io::stdin().lock();
     let (mut bytes, mut answer) = (Vec::new(), Vec::new());
-    let mut bad = 0usize;
+    let mut bad = 0;
     loop {
         bytes.clear();
         if input.read_until(b'\n', &mut bytes).map_err(|e| failed("read", e))? == 0 {
-            break;
+            return Ok(bad);
         }
         let line = String::from_utf8_lossy(&bytes);
         if line.trim().is_empty() {
@@ -186,11 +203,10 @@ fn stream(args: &CompensateArgs) -> Result<Outcome> {
         serde_json::to_writer(&mut answer, &result).map_err(|e| failed("write", e.into()))?;
         answer.push(b'\n');
         match output.write_all(&answer).and_then(|()| output.flush()) {
-            Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => break,
+            Err(e) if e.kind() == std::io::ErrorKind::BrokenPipe => return Ok(bad),
             other => other.map_err(|e| failed("write", e))?,
         }
     }
-    Ok(Outcome { document: None, status: if bad > 0 { Status::SomeFailed } else { Status::Good } })
 }
 
 fn correct_table(args: &CompensateArgs, table: &Path, global: &Global) -> Result<Outcome> {

@@ -1,5 +1,6 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
+use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, without};
 use crate::diagnose::pool::Who;
@@ -10,6 +11,9 @@ use crate::diagnose::select::Selection;
 fn ruled_out(fitter: &Fitter) -> f64 {
     if fitter.experiment.layout().outputs().count() > 2 { 2.3 } else { 4.6 }
 }
+
+/// Sizes beyond so many typical ones no machine shows: an alias that would have to be as large is none.
+const ABSURD: f64 = 50.0;
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]
@@ -40,6 +44,7 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
             let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
             let Some(own) = own else { return Vec::new() };
             let named = &f.model.active[i];
+            let sane = !absurd(fitter, named, None);
             let taken = |effect: usize| {
                 effect != named.effect && f.model.active.iter().any(|a| a.effect == effect)
             };
@@ -49,7 +54,8 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                     continue;
                 };
                 let deficit = own.evidence - s.evidence;
-                let here = (a.effect, a.form) == (named.effect, named.form);
+                let here = (a.effect, a.form) == (named.effect, named.form)
+                    || (sane && absurd(fitter, a, s.coefficient));
                 if here || taken(a.effect) || deficit > ruled_out(fitter) || s.evidence <= 0.0 {
                     continue;
                 }
@@ -65,6 +71,14 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
             best
         })
         .collect()
+}
+
+/// Whether an effect is larger than machines show; with the coefficient of its one linear parameter where that is known.
+fn absurd(fitter: &Fitter, a: &Active, coefficient: Option<f64>) -> bool {
+    let form = &fitter.experiment.effects()[a.effect].forms[a.form];
+    let linear = form.iter().zip(&a.values).filter(|(p, _)| p.grid.is_empty() && !p.is_switch());
+    let mut sizes = linear.map(|(p, v)| coefficient.unwrap_or(*v).abs() / p.typical);
+    sizes.any(|size| size > ABSURD)
 }
 
 /// The best form of each rival effect.

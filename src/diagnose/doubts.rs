@@ -11,6 +11,12 @@ use crate::diagnose::select::Selection;
 /// What an effect adds to no machine's outputs, mm.
 const MOST_MM: f64 = 5.0;
 
+/// A stated noise that is less than this part of what repeats show is doubted.
+const MUCH_LESS: f64 = 0.3;
+
+/// Errors that wander by more than so many times the noise may as well be an effect.
+const WANDERS: f64 = 3.0;
+
 /// The greatest of these amounts, mm, if it is more than any machine shows.
 pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
     let most = added.into_iter().fold(0.0_f64, |m, v| m.max(v.abs()));
@@ -34,6 +40,25 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
     doubts.extend(copies(layout).map(|count| {
         format!("all {count} repeated captures are the same to the last digit: copies tell nothing of the noise")
     }));
+    if let (Some(given), Some(seen)) = (fitter.given_mm, repeated_mm(layout)) {
+        if given < MUCH_LESS * seen {
+            doubts.push(format!(
+                "--noise-mm {given} is far less than repeated captures differ by, {seen:.5} mm: what they differ by is then no noise, and hides effects"
+            ));
+        }
+    }
+    if fitter.space.serial().is_some() {
+        let residual = &s.fitted.residual;
+        let rms = (residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64).sqrt();
+        let noise = s.fitted.noise.sigma_mm[0];
+        if rms > WANDERS * noise {
+            doubts.push(format!(
+                "what the model leaves, {:.2} µm rms, goes on from value to value and is taken for errors that wander: it may be an effect \
+                 that no name fits; run the path again, which tells the two apart",
+                1e3 * rms
+            ));
+        }
+    }
     if effects.iter().all(|e| e.untestable.is_some()) {
         doubts.push(
             "no effect of the library could be tested: that nothing is found says nothing".into(),
@@ -47,11 +72,37 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
     doubts
 }
 
+/// Standard deviation of a value among captures at one site, mm; `None` without such, or where captures see edges of their own.
+fn repeated_mm(layout: &Layout) -> Option<f64> {
+    if !layout.random.is_empty() {
+        return None;
+    }
+    let mut sites: BTreeMap<usize, Vec<Vec<f64>>> = BTreeMap::new();
+    for (site, values) in layout.sites.iter().zip(captures(layout)) {
+        sites.entry(*site).or_default().push(values);
+    }
+    let (mut squares, mut dof) = (0.0, 0.0);
+    for alike in sites.values().filter(|s| s.iter().all(|v| v.len() == s[0].len())) {
+        for k in 0..alike[0].len() {
+            let mean = alike.iter().map(|v| v[k]).sum::<f64>() / alike.len() as f64;
+            squares += alike.iter().map(|v| (v[k] - mean).powi(2)).sum::<f64>();
+            dof += alike.len() as f64 - 1.0;
+        }
+    }
+    (dof >= 6.0).then(|| (squares / dof).sqrt())
+}
+
+/// The values of every capture.
+fn captures(layout: &Layout) -> Vec<Vec<f64>> {
+    let mut captures = vec![Vec::new(); layout.group_count()];
+    layout.groups.iter().zip(&layout.values).for_each(|(g, v)| captures[*g].push(*v));
+    captures
+}
+
 /// How many captures repeat another, if each of them is that other's copy and they are too many for that to be chance.
 fn copies(layout: &Layout) -> Option<usize> {
     const LEAST: usize = 3;
-    let mut captures = vec![Vec::new(); layout.group_count()];
-    layout.groups.iter().zip(&layout.values).for_each(|(g, v)| captures[*g].push(*v));
+    let captures = captures(layout);
     let mut first: BTreeMap<usize, &[f64]> = BTreeMap::new();
     let mut count = 0;
     for (site, values) in layout.sites.iter().zip(&captures) {

@@ -1,6 +1,6 @@
 //! Observations that are set aside: a slipped reading is no effect, and no shape should be bent to follow it.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
@@ -10,7 +10,7 @@ use crate::diagnose::parts::{Part, part_chi2};
 use crate::diagnose::rim::is_rough;
 use crate::diagnose::score::gain_of_free;
 use crate::diagnose::select::{Selection, select};
-use crate::fit::robust::range;
+use crate::fit::robust::{range, scatter};
 use crate::fit::tails::chi2_quantile;
 
 /// Largest part of the observations that may be set aside.
@@ -56,7 +56,9 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
             suspected.push(suspects);
         }
     }
-    for suspects in suspected.into_iter().filter(|s| !s.is_empty() && few(s.len(), layout)) {
+    for suspects in
+        suspected.into_iter().filter(|s| !s.is_empty() && few(s.len(), layout.values.len()))
+    {
         let second = settle(experiment, given_mm, suspects, 0.0);
         if second.ln_evidence() > first.ln_evidence() + CLEARLY {
             first = second;
@@ -148,7 +150,7 @@ fn settle<'a>(
     let (mut fitter, mut selection) = run(&outliers);
     for _ in 0..2 {
         let found = far(&fitter, &selection.fitted, layout);
-        if found.is_empty() || !few(outliers.len() + found.len(), layout) {
+        if found.is_empty() || !few(outliers.len() + found.len(), layout.values.len()) {
             break;
         }
         outliers.extend(found);
@@ -158,9 +160,25 @@ fn settle<'a>(
     Screened { fitter, selection, outliers }
 }
 
-/// Whether so many may be set aside.
-fn few(count: usize, layout: &Layout) -> bool {
-    count as f64 <= MOST * layout.values.len() as f64 + 1.0
+/// Whether so many of all observations may be set aside.
+pub(super) fn few(count: usize, all: usize) -> bool {
+    count as f64 <= MOST * all as f64 + 1.0
+}
+
+/// Which of the values left by a fit lie far from the rest, beyond a 0.1 % chance in the whole set. The scale is robust: outliers must
+/// not hide in the noise they made.
+pub(super) fn slipped(left: &DVector<f64>) -> Vec<bool> {
+    let mut sizes: Vec<f64> = left.iter().map(|v| v.abs()).collect();
+    if sizes.is_empty() {
+        return Vec::new();
+    }
+    let limit = limit(left.len()) * scatter(&mut sizes);
+    left.iter().map(|v| v.abs() > limit && limit > 0.0).collect()
+}
+
+/// Standard deviations beyond which one of so many values is far.
+fn limit(values: usize) -> f64 {
+    1.1 * chi2_quantile((1e-3 / values as f64).ln(), 1.0).sqrt()
 }
 
 /// The space the noise is described in; with the form of the artefact's rim where that is rough, or this correlation of neighbours.
@@ -189,7 +207,7 @@ const LEAST_LEFT: f64 = 0.3;
 /// the fit leaves of noise there: a shape of many coefficients follows a slipped reading part of the way.
 fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let n = layout.values.len();
-    let limit = chi2_quantile((1e-3 / n as f64).ln(), 1.0).sqrt();
+    let limit = limit(n);
     let column = DMatrix::from_column_slice(n, 1, &f.residual);
     let white = fitter.whiten(&column, &f.noise);
     let top = fitter.space.top();
@@ -204,5 +222,5 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     sizes.sort_by(f64::total_cmp);
     // A robust scale: outliers must not hide in the noise they made.
     let scale = (sizes[sizes.len() / 2] / 0.6745).clamp(1e-9, 1.0);
-    (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > 1.1 * limit * scale).collect()
+    (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > limit * scale).collect()
 }

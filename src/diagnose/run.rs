@@ -29,16 +29,20 @@ pub struct Options {
 
 /// p-value under which a lack of fit is said to exist.
 const LACK_OF_FIT_P: f64 = 1e-3;
+/// Nothing measures better than this, mm.
+const LEAST_NOISE_MM: f64 = 1e-9;
 /// Least number of captures or poses worth a diagnosis.
 const LEAST_CAPTURES: usize = 8;
 
 impl Options {
     fn check(&self) -> Result<()> {
         match self.noise_mm {
-            Some(s) if !(s.is_finite() && s > 0.0) => Err(Error::option(
+            Some(s) if !(s.is_finite() && s >= LEAST_NOISE_MM) => Err(Error::option(
                 "--noise-mm",
                 format!("is {s}"),
-                "give the standard deviation of one value in mm, above zero",
+                format!(
+                    "give the standard deviation of one value in mm, at least {LEAST_NOISE_MM}"
+                ),
             )),
             _ => Ok(()),
         }

@@ -26,6 +26,8 @@ pub struct Score {
     pub evidence: f64,
     /// Root mean square of what it explains, mm.
     pub rms_mm: f64,
+    /// Its coefficient, where it has one alone.
+    pub coefficient: Option<f64>,
 }
 
 /// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is; in units of the noise
@@ -121,7 +123,17 @@ impl Standing {
                 };
                 let evidence = evidence - c.choice;
                 let cleared = self.cleared(dof, chi2);
-                Some(Score { candidate: index, chi2, cleared, rank, ln_p, evidence, rms_mm })
+                let coefficient = (c.count == 1).then(|| chi2 / along[c.first]);
+                Some(Score {
+                    candidate: index,
+                    chi2,
+                    cleared,
+                    rank,
+                    ln_p,
+                    evidence,
+                    rms_mm,
+                    coefficient,
+                })
             })
             .collect()
     }
@@ -153,7 +165,17 @@ impl Standing {
                 let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
                 let evidence = gain - a.choice - b.choice;
                 let cleared = self.cleared(dof, chi2);
-                let score = Score { candidate: i, chi2, cleared, rank, ln_p, evidence, rms_mm };
+                let coefficient = None;
+                let score = Score {
+                    candidate: i,
+                    chi2,
+                    cleared,
+                    rank,
+                    ln_p,
+                    evidence,
+                    rms_mm,
+                    coefficient,
+                };
                 (rank > 0).then_some((score, j))
             })
             .collect()

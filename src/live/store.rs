@@ -9,7 +9,7 @@ use image::{ExtendedColorType, ImageEncoder};
 use crate::error::{Error, Result};
 use crate::live::Shot;
 use crate::output::{create_folder, write_whole};
-use crate::table::Table;
+use crate::table::{MOST_DEG, Table};
 
 /// The manifest's name and header.
 const MANIFEST: &str = "captures.csv";
@@ -26,6 +26,9 @@ pub struct Position {
     pub c_deg: f64,
 }
 
+/// Farther no axis goes, mm.
+const MOST_MM: f64 = 1e6;
+
 impl Position {
     /// Reads `X Y [C]`, as an operator types it.
     pub fn parse(line: &str) -> Result<Self> {
@@ -40,7 +43,15 @@ impl Position {
                     && words.len() <= 3
                     && numbers.iter().all(|v| v.is_finite()) =>
             {
-                Ok(Self { x_mm, y_mm, c_deg: rest.first().copied().unwrap_or(0.0) })
+                let c_deg = rest.first().copied().unwrap_or(0.0);
+                if x_mm.abs().max(y_mm.abs()) > MOST_MM || c_deg.abs() > MOST_DEG {
+                    return Err(Error::option(
+                        "position",
+                        format!("'{}' is where no machine goes", line.trim()),
+                        "type X and Y in mm and C in degrees",
+                    ));
+                }
+                Ok(Self { x_mm, y_mm, c_deg })
             }
             _ => Err(Error::option(
                 "position",

@@ -30,19 +30,6 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
             ),
         );
     }
-    if command == "solve" {
-        let limits = map.get("limits").and_then(Value::as_array).into_iter().flatten();
-        let verdicts = limits.chain(map.get("check_touch"));
-        let words: Vec<&str> = verdicts.filter_map(|l| l.get("verdict")?.as_str()).collect();
-        let word = ["fail", "undecided", "pass"].into_iter().find(|w| words.contains(w));
-        let sentence = match word {
-            Some("fail") => "A limit of the method is broken: do not enter these values.",
-            Some("undecided") => "A limit of the method lies inside the uncertainty.",
-            Some(_) => "Every limit of the method that was checked is kept.",
-            None => "No limit of the method was checked.",
-        };
-        return (word.unwrap_or("measured"), sentence.into());
-    }
     if command == "burn" && !stated.is_empty() {
         let of = format!(
             "The centres are {:.4} mm ± {:.4} mm apart; the limit is {} mm.",
@@ -53,6 +40,10 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
         return (class(stated), of);
     }
     let sentence = match (command, stated) {
+        ("solve", "pass") => "Every limit of the method that was checked is kept.".into(),
+        ("solve", "fail") => "A limit of the method is broken: do not enter these values.".into(),
+        ("solve", "undecided") => "A limit of the method lies inside the uncertainty.".into(),
+        ("solve", "") => "No limit of the method was checked.".into(),
         ("diagnose", "consistent") => "The model explains the data: nothing is missing.".into(),
         ("diagnose", "named") => "All of the gap is explained by named effects.".into(),
         ("diagnose", "partly") => "Named effects were found, and more remains.".into(),

@@ -69,8 +69,11 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
     );
     // A folder of a batch or a list of failures has something to say in any case.
     let mut shows = command == "batch" || several.is_some_and(|list| !list.is_empty());
-    for part in parts {
-        let (text, numbers) = section(command, part);
+    // What was asked to be judged by its mean is not corrected by one of its tests.
+    let mean = result.get("mean");
+    for part in mean.into_iter().chain(parts) {
+        let advised = mean.is_none_or(|mean| std::ptr::eq(mean, part));
+        let (text, numbers) = section(command, part, advised);
         shows |= numbers;
         body += &text;
         body += &html::pictures(&own_pictures(part, &options.base)?);
@@ -96,8 +99,8 @@ pub fn page(result: &Value, options: &Options) -> Result<String> {
     Ok(html::document(title, &body))
 }
 
-/// Verdict, numbers, charts, budget and advice of one result, and whether there are any numbers or charts.
-fn section(command: &str, result: &Value) -> (String, bool) {
+/// Verdict, numbers, charts, budget and, where asked for, advice of one result, and whether there are any numbers or charts.
+fn section(command: &str, result: &Value, advised: bool) -> (String, bool) {
     let mut text = String::new();
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
@@ -107,6 +110,9 @@ fn section(command: &str, result: &Value) -> (String, bool) {
     );
     if let Some(image) = result.get("image").and_then(Value::as_str) {
         text += &format!("<h2>{}</h2>\n", escape(image));
+    }
+    if let Some(tests) = result.get("tests").and_then(Value::as_u64).filter(|_| command == "burn") {
+        text += &format!("<h2>Mean of {tests} tests</h2>\n");
     }
     let rows = numbers::characteristics(command, result);
     let mut shows = !rows.is_empty();
@@ -140,6 +146,9 @@ fn section(command: &str, result: &Value) -> (String, bool) {
     for budget in budgets {
         let head = [budget.of.as_str(), "Standard uncertainty", "Share"];
         text += &table(&head, budget.rows.into_iter());
+    }
+    if !advised {
+        return (text, shows);
     }
     let steps = advice::next(command, result);
     text += "<h2>What to do next</h2>\n<ul>\n";

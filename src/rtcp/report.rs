@@ -48,6 +48,9 @@ pub struct Solution {
     pub i4_mm: [f64; 3],
     /// +1 where a positive B turns the nozzle towards -X, -1 where towards +X.
     pub b_sense: i32,
+    /// The worst of the limits and the check touch, where any was checked.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub verdict: Option<Verdict>,
     /// Limits of the method, and whether they are kept.
     pub limits: Vec<Limit>,
     /// The third touch against what the others predict.
@@ -122,14 +125,15 @@ impl Solution {
             value: solved.r_mm.value + session.standoff_mm.value,
             u: solved.r_mm.u.hypot(session.standoff_mm.u),
         };
-        let limits = session.limits.iter().map(|l| Limit {
+        let limit = |l: &super::Limit| Limit {
             step: l.step,
             what: l.what,
             value_mm: l.value_mm.value,
             u95_mm: l.value_mm.u95(),
             limit_mm: l.limit_mm,
             verdict: l.verdict,
-        });
+        };
+        let limits: Vec<Limit> = session.limits.iter().map(limit).collect();
         let check_touch = solved.check.map(|c| CheckTouch {
             b_deg: c.b_rad.to_degrees(),
             measured_mm: c.measured_mm,
@@ -138,6 +142,8 @@ impl Solution {
             difference_u95_mm: c.difference_mm.u95(),
             verdict: c.verdict,
         });
+        let touched = check_touch.as_ref().map(|c| c.verdict);
+        let verdicts = limits.iter().map(|l| l.verdict).chain(touched);
         Ok(Self {
             xb_mm: solved.xb_mm.value,
             xb_u95_mm: solved.xb_mm.u95(),
@@ -158,17 +164,12 @@ impl Solution {
             i3_mm,
             i4_mm,
             b_sense: solved.b_sense,
-            limits: limits.collect(),
+            verdict: Verdict::worst(verdicts),
+            limits,
             check_touch,
             change: session.control.as_ref().map(|now| Change::of(now, machine)).transpose()?,
             budget: solved.budget.clone(),
         })
-    }
-
-    /// Whether every limit is kept and the check touch agrees.
-    pub fn good(&self) -> bool {
-        let check = self.check_touch.iter().map(|c| c.verdict);
-        self.limits.iter().map(|l| l.verdict).chain(check).all(|v| v == Verdict::Pass)
     }
 }
 

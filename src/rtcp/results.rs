@@ -87,13 +87,27 @@ impl RodResult {
 }
 
 impl BurnResult {
-    /// Reads the file; of several pictures the last, which is the test that ended the adjusting.
-    pub fn read(path: &Path) -> Result<Self> {
+    /// Reads the file: of several pictures their mean where it was asked for, else the last, with a warning: it is taken for the
+    /// test that ended the adjusting.
+    pub fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Self> {
         let mut json = json(path, "burn")?;
-        if let Some(last) = json.get_mut("results").and_then(|r| r.as_array_mut()?.pop()) {
-            json = last;
+        if let Some(mean) = json.get_mut("mean") {
+            return shape(path, mean.take());
         }
-        shape(path, json)
+        let Some(results) = json.get_mut("results").and_then(Value::as_array_mut) else {
+            return shape(path, json);
+        };
+        let count = results.len();
+        let last = results.pop().unwrap_or_default();
+        if count > 1 {
+            let image = last.get("image").and_then(Value::as_str).unwrap_or_default();
+            warnings.push(format!(
+                "{}: holds {count} pictures, of which the last, {image}, is taken; give the result of one picture, or that of \
+                 `burn --mean` for tests burnt at one setting",
+                path.display()
+            ));
+        }
+        shape(path, last)
     }
 }
 

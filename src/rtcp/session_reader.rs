@@ -138,10 +138,10 @@ impl Reader<'_> {
         }
     }
 
-    fn burn_offset(&self, burn: &Burn) -> Result<[Measured; 2]> {
+    fn burn_offset(&mut self, burn: &Burn) -> Result<[Measured; 2]> {
         let (offset, u) = match (&burn.result, burn.offset_mm) {
             (Some(file), None) => {
-                let result = BurnResult::read(&self.beside(file))?;
+                let result = BurnResult::read(&self.beside(file), &mut self.warnings)?;
                 (result.offset_mm, result.offset_u95_mm.map(|u| u / K95))
             }
             (None, Some(offset)) => {

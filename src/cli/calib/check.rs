@@ -45,12 +45,27 @@ pub enum Output {
 /// Circles of one known diameter.
 #[derive(serde::Serialize, schemars::JsonSchema)]
 pub struct Diameters {
-    /// Of all pictures.
+    /// Of all pictures that could be measured.
     verdict: Verdict,
     /// What is known.
     diameter_mm: f64,
     /// Picture by picture.
-    results: Vec<DiameterReport>,
+    results: Vec<Checked>,
+}
+
+/// What became of a picture.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+#[serde(untagged)]
+pub enum Checked {
+    /// It was measured.
+    Measured(DiameterReport),
+    /// It could not be.
+    Failed {
+        /// The picture's file.
+        image: String,
+        /// Why not.
+        error: String,
+    },
 }
 
 /// Runs the command.
@@ -76,27 +91,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             let json = result("calib-check", path, &report.warnings, &report);
             Ok(outcome(Document::single(json, plane_table(&report)), report.verdict))
         }
-        (Some(known), false, images) => {
-            let reports = images
-                .iter()
-                .map(|image| {
-                    let subject = image.display().to_string();
-                    check::diameter(
-                        &Picture::read(image)?,
-                        &calibration,
-                        known,
-                        args.diameter_u95_mm,
-                        args.tolerance_mm,
-                        &subject,
-                    )
-                })
-                .collect::<Result<Vec<_>>>()?;
-            let verdict = check::overall(reports.iter().map(|r| r.verdict));
-            let table = diameter_table(&reports, verdict);
-            let diameters = Diameters { verdict, diameter_mm: known, results: reports };
-            let json = result("calib-check", images, &[], &diameters);
-            Ok(outcome(Document { json, rows: rows(&diameters.results), table }, verdict))
-        }
+        (Some(known), false, images) => diameters(args, images, known, &calibration, global),
         _ => Err(Error::option(
             "calib check",
             "needs either pictures with --diameter-mm, or one captures table alone",
@@ -105,26 +100,57 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
 }
 
+/// Measures the circle in every picture. A single picture that fails is the command's error; of several each is an entry.
+fn diameters(
+    args: &Args,
+    images: &[PathBuf],
+    known: f64,
+    calibration: &Calibration,
+    global: &Global,
+) -> Result<Outcome> {
+    let (u95_mm, tolerance_mm) = (args.diameter_u95_mm, args.tolerance_mm);
+    let (mut results, mut table, mut verdicts) = (Vec::new(), String::new(), Vec::new());
+    for path in images {
+        let image = path.display().to_string();
+        let measured = Picture::read(path).and_then(|picture| {
+            check::diameter(&picture, calibration, known, u95_mm, tolerance_mm, &image)
+        });
+        match measured {
+            Ok(report) => {
+                table.push_str(&diameter_line(&report));
+                verdicts.push(report.verdict);
+                results.push(Checked::Measured(report));
+            }
+            Err(e) if images.len() == 1 => return Err(e),
+            Err(e) => {
+                global.say(format!("pivotsight: {e}"));
+                table.push_str(&format!("{image:<24} FAILED: {e}\n"));
+                results.push(Checked::Failed { image, error: e.to_string() });
+            }
+        }
+    }
+    let verdict = Verdict::worst(verdicts.iter().copied()).unwrap_or(Verdict::Undecided);
+    let _ = writeln!(table, "calibration: {verdict}");
+    let rows = rows(&results);
+    let json =
+        result("calib-check", images, &[], &Diameters { verdict, diameter_mm: known, results });
+    let mut outcome = outcome(Document { json, rows, table }, verdict);
+    match verdicts.len() {
+        0 => outcome.status = Status::BadInput,
+        n if n < images.len() => outcome.status = Status::SomeFailed,
+        _ => {}
+    }
+    Ok(outcome)
+}
+
 fn outcome(document: Document, verdict: Verdict) -> Outcome {
     let status = if verdict == Verdict::Pass { Status::Good } else { Status::OutOfTolerance };
     Outcome { document: Some(document), status }
 }
 
-fn diameter_table(reports: &[DiameterReport], verdict: Verdict) -> String {
-    let mut t = String::new();
-    // Writing to a String cannot fail.
-    for r in reports {
-        let _ = writeln!(
-            t,
-            "{:<24} Ø {:.5} mm   off by {} mm   {}",
-            r.image,
-            r.diameter_mm,
-            text(r.deviation_mm, r.deviation_u95_mm),
-            r.verdict
-        );
-    }
-    let _ = writeln!(t, "calibration: {verdict}");
-    t
+fn diameter_line(r: &DiameterReport) -> String {
+    let off = text(r.deviation_mm, r.deviation_u95_mm);
+    format!("{:<24} Ø {:.5} mm   off by {off} mm   {}\n", r.image, r.diameter_mm, r.verdict)
 }
 
 fn plane_table(r: &PlaneReport) -> String {

@@ -2,6 +2,7 @@
 
 mod layout;
 mod read;
+mod sense;
 
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
@@ -197,6 +198,7 @@ impl RodExperiment {
                 rim.radius
             ));
         }
+        warnings.extend(sense::doubt(&data));
         let layout = layout(&data, values, &c_deg);
         let library = library(&data);
         let known = match machine {

@@ -7,6 +7,7 @@ use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal::library;
 use crate::diagnose::effects::thermal_columns::{Column, dead_sensor, metres, times};
 use crate::diagnose::experiment::{Active, Parameter};
+use crate::diagnose::outliers::{few, slipped};
 
 /// What the data ask of the baseline beside slope and zero of every axis' screw.
 #[derive(Debug, Clone, Copy, Default)]
@@ -36,52 +37,60 @@ const FREE_BEFOREHAND: f64 = 6.0;
 
 impl Baseline {
     /// The likeliest by the Bayesian information criterion, with or without any one effect, which would else be made up for by another
-    /// T₀: coefficients that are not needed, or a T₀ that is free, would hide effects.
+    /// T₀: coefficients that are not needed, or a T₀ that is free, would hide effects. Slipped readings have no say: one of them could
+    /// make any of these the likeliest.
     pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
-        let y = DVector::from_column_slice(error_mm);
-        let of_cold = |cold| {
-            let mut data = data.clone();
-            data.t0_c = Self { own_heads: false, cold }.t0_c(&data);
-            let effects = single_effects(&data);
-            [false, true].map(|own_heads| {
-                let baseline = Self { own_heads, cold };
-                (baseline.criterion(&data, &effects, &y), baseline)
-            })
-        };
-        let all =
-            [Cold::Coldest, Cold::First, Cold::Reference, Cold::Free].into_iter().flat_map(of_cold);
-        all.min_by(|a, b| a.0.total_cmp(&b.0)).map_or_else(Self::default, |(_, baseline)| baseline)
+        let mut kept: Vec<usize> = (0..error_mm.len()).collect();
+        loop {
+            let y = DVector::from_iterator(kept.len(), kept.iter().map(|i| error_mm[*i]));
+            let choices = [Cold::Coldest, Cold::First, Cold::Reference, Cold::Free];
+            let all = choices.into_iter().flat_map(|cold| of_cold(data, cold, &kept, &y));
+            let Some((_, left, best)) = all.min_by(|a, b| a.0.total_cmp(&b.0)) else {
+                return Self::default();
+            };
+            let slipped = slipped(&left);
+            let gone = error_mm.len() - kept.len() + slipped.iter().filter(|s| **s).count();
+            if gone == error_mm.len() - kept.len() || !few(gone, error_mm.len()) {
+                return best;
+            }
+            let mut slipped = slipped.into_iter();
+            kept.retain(|_| slipped.next() == Some(false));
+        }
     }
 
-    /// The criterion with none of the effects or with the one for which it is least.
+    /// The criterion with none of the effects or with the one for which it is least, and what that leaves.
     fn criterion(
         &self,
-        data: &Columns,
+        mut columns: DMatrix<f64>,
         effects: &[(DMatrix<f64>, usize)],
+        data: &Columns,
+        kept: &[usize],
         y: &DVector<f64>,
-    ) -> f64 {
+    ) -> (f64, DVector<f64>) {
         let rows = y.len() as f64;
-        let mut columns = self.columns(data);
         if matches!(self.cold, Cold::Free) {
-            columns = with_free_t0(data, columns, y);
+            columns = with_free_t0(data, columns, kept, y);
         }
-        let basis = orthonormal(&columns, 1e-9);
+        let basis = orthonormal(&columns.select_rows(kept), 1e-9);
         let beside = y - &basis * basis.tr_mul(y);
         // Another T₀ than the usual one is a choice like a coefficient more.
         let chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
         let choice = 2.0 * (effects.len().max(1) as f64).ln();
         let free = if matches!(self.cold, Cold::Free) { choice + FREE_BEFOREHAND } else { 0.0 };
-        let of = |left: f64, coefficients: usize| {
-            rows * left.max(1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE).ln()
-                + coefficients as f64 * rows.ln()
-                + free
+        let of = |left: &DVector<f64>, coefficients: usize| {
+            let least = (1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE);
+            rows * left.norm_squared().max(least).ln() + coefficients as f64 * rows.ln() + free
         };
-        let with_one = effects.iter().map(|(effect, shapes)| {
+        let mut best = (of(&beside, chosen), beside.clone());
+        for (effect, shapes) in effects {
             let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
-            let left = (&beside - &own * own.tr_mul(&beside)).norm_squared();
-            of(left, chosen + own.ncols() + shapes) + choice
-        });
-        with_one.fold(of(beside.norm_squared(), chosen), f64::min)
+            let left = &beside - &own * own.tr_mul(&beside);
+            let value = of(&left, chosen + own.ncols() + shapes) + choice;
+            if value < best.0 {
+                best = (value, left);
+            }
+        }
+        best
     }
 
     /// T₀ of each axis.
@@ -111,6 +120,25 @@ impl Baseline {
     }
 }
 
+/// Both baselines with a T₀ on the rows that are kept: criterion, what is left, and which it is.
+fn of_cold(
+    data: &Columns,
+    cold: Cold,
+    kept: &[usize],
+    y: &DVector<f64>,
+) -> [(f64, DVector<f64>, Baseline); 2] {
+    let mut data = data.clone();
+    data.t0_c = Baseline { own_heads: false, cold }.t0_c(&data);
+    let mut effects = single_effects(&data);
+    effects.iter_mut().for_each(|(columns, _)| *columns = columns.select_rows(kept));
+    [false, true].map(|own_heads| {
+        let baseline = Baseline { own_heads, cold };
+        let columns = baseline.columns(&data);
+        let (criterion, left) = baseline.criterion(columns, &effects, &data, kept, y);
+        (criterion, left, baseline)
+    })
+}
+
 /// A column where a row is of this axis, and zero elsewhere.
 fn on(data: &Columns, axis: usize, column: &[f64]) -> Column {
     let rows = column.iter().zip(&data.series);
@@ -119,8 +147,15 @@ fn on(data: &Columns, axis: usize, column: &[f64]) -> Column {
 
 /// The baseline's columns (slope and zero of each axis first) with those of each axis' T₀: what a degree makes of the errors,
 /// with slope and zero as they are without it.
-fn with_free_t0(data: &Columns, columns: DMatrix<f64>, y: &DVector<f64>) -> DMatrix<f64> {
-    let Ok(found) = columns.clone().svd(true, true).solve(y, 1e-9) else { return columns };
+fn with_free_t0(
+    data: &Columns,
+    columns: DMatrix<f64>,
+    kept: &[usize],
+    y: &DVector<f64>,
+) -> DMatrix<f64> {
+    let Ok(found) = columns.select_rows(kept).svd(true, true).solve(y, 1e-9) else {
+        return columns;
+    };
     let metres = metres(data);
     let more = (0..data.series_names.len()).map(|axis| {
         let of_a_degree = |m: &f64| m * found[2 * axis] + found[2 * axis + 1];
@@ -128,7 +163,7 @@ fn with_free_t0(data: &Columns, columns: DMatrix<f64>, y: &DVector<f64>) -> DMat
     });
     let all = columns.column_iter().map(|c| c.iter().copied().collect()).chain(more);
     let all: Vec<Column> = all.collect();
-    DMatrix::from_fn(y.len(), all.len(), |r, c| all[c][r])
+    DMatrix::from_fn(data.series.len(), all.len(), |r, c| all[c][r])
 }
 
 /// Columns of every testable form of the library, and how many numbers of its shape are chosen.

@@ -4,14 +4,14 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::axis::Axis;
 use super::joint::{Arc, Joint, Refined};
-use super::{Capture, CaptureReport, EdgePoint, Options};
+use super::{Capture, CaptureReport, EdgePoint, Options, Report};
 use crate::error::{Error, Result};
 use crate::fit::robust::scatter;
 
 /// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
 const DISAGREEMENT_MM: f64 = 0.01;
 /// A turned rim wanders by less than this; edges of two circles taken together wander by more.
-const RAGGED_MM: f64 = 0.006;
+pub(super) const RAGGED_MM: f64 = 0.006;
 /// Share of a capture's edge that one of each table angle's must have on the circle, and another of several.
 const LEAST_SEEN: f64 = 0.35;
 const LEAST_SECOND: f64 = 0.2;
@@ -27,6 +27,7 @@ pub(super) fn check(
     refined: &Refined,
     points: &[EdgePoint],
     captures: &[CaptureReport],
+    options: &Options,
 ) -> Result<()> {
     let misses = refined.misses_mm;
     let apart = misses > 5.0 * DISAGREEMENT_MM
@@ -42,8 +43,27 @@ pub(super) fn check(
     Err(Error::measure(
         "captures",
         format!("their edges do not lie on one circle: they miss it by {misses:.3} mm{worst}"),
-        "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions",
+        match options.diameter_mm {
+            None => {
+                "give --diameter-mm (some captures may show the chamfer's edge only), or check the positions"
+            }
+            Some(_) => {
+                "check the positions and --diameter-mm, and the pictures: some may show another edge than the rim's"
+            }
+        },
     ))
+}
+
+/// Nothing of the nominal size is seen, and what is seen is no turned rim.
+pub(super) fn none_near(nominal_mm: f64, found: &Report) -> Error {
+    Error::measure(
+        "captures",
+        format!(
+            "no rim of the nominal {nominal_mm} mm is seen on which they agree; what is seen, of {:.3} mm, wanders by {:.4} mm",
+            found.diameter_mm, found.form_rms_mm
+        ),
+        "check the pictures and --diameter-mm, or leave it out",
+    )
 }
 
 /// Refuses a table angle whose captures show hardly any edge on the common circle, or of whose captures one alone does: its centre

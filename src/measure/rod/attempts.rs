@@ -61,6 +61,16 @@ impl<'a> Attempts<'a> {
         outer::rim(self.seen(None), about, self.nominal_mm)
     }
 
+    /// The rim of nominal size, however faint beside other edges. `None` where there is none, or no size was named.
+    pub(super) fn named(&self) -> Option<Found> {
+        const CENTERS: usize = 3;
+        let radius = 0.5 * self.nominal_mm?;
+        let rough = Circle { radius, ..self.rough(None)? };
+        let likely = outer::likely(self.seen(None), rough);
+        let mut found = likely.into_iter().take(CENTERS).filter_map(|about| self.rim(about));
+        found.find(|found| (found.radius_mm - radius).abs() < outer::NAMED_WITHIN * radius)
+    }
+
     /// The rim just outside a circle that was measured. `None` where there is none, or the nominal diameter says which is meant.
     pub(super) fn just_outside(&self, measured: &Report) -> Option<Found> {
         let centers = measured.rod_centers.iter().map(|c| Vector2::from(c.center_mm)).collect();
@@ -104,11 +114,15 @@ impl<'a> Attempts<'a> {
 
     /// Likely circles in the captures of one table angle `only` or in all.
     fn likely_in(&self, only: Option<usize>) -> Vec<Circle> {
+        self.rough(only).map_or_else(Vec::new, |rough| outer::likely(self.seen(only), rough))
+    }
+
+    /// The circle about which most edges gather.
+    fn rough(&self, only: Option<usize>) -> Option<Circle> {
         let asked = self.voters.iter().zip(self.angle_of);
         let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
         let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
-        let rough = seek::rim(&voters, self.captures.len(), self.bounds_mm);
-        rough.map_or_else(Vec::new, |rough| outer::likely(self.seen(only), rough))
+        seek::rim(&voters, self.captures.len(), self.bounds_mm)
     }
 
     fn seen(&self, only: Option<usize>) -> Captures<'_> {

@@ -94,7 +94,7 @@ pub(super) fn finish(
     let diameter_u95_mm = 2.0 * k95(radius_dof) * rod.radius_variance().max(0.0).sqrt();
     let (points, captures_report) =
         agreement::residuals(captures, arcs, robust, &centers, radius - blur_mm);
-    agreement::check(&refined, &points, &captures_report)?;
+    agreement::check(&refined, &points, &captures_report, options)?;
     agreement::angles_seen(&captures_report, angle_of, c_deg)?;
     agreement::arcs_seen(arcs, robust, options, &mut warnings);
     agreement::places_and_form(&refined, &captures_report, options, &mut warnings);

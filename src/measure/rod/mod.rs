@@ -119,6 +119,8 @@ pub fn check(options: &Options) -> Result<()> {
 /// Rims that wander by more may be edges of two circles, if those of another wander by less than this part of it.
 const DOUBTFUL_MM: f64 = 0.003;
 const CLEARER: f64 = 0.5;
+/// Standard uncertainties of the nominal diameter within which a rim is the one that it names.
+const NOMINAL: f64 = 3.0;
 /// Other centres that are tried then.
 const OTHERS: usize = 2;
 
@@ -162,6 +164,23 @@ pub fn measure_frames(
         // Where the likeliest is refused another must be no such circle itself.
         if best.as_ref().map_or_else(|_| !doubtful(&other), clearer) {
             best = Ok(other);
+        }
+    }
+    if let Some(nominal_mm) = options.diameter_mm {
+        let meets = |m: &Measured| {
+            (m.report.diameter_mm - nominal_mm).abs() < NOMINAL * options.diameter_u_mm
+        };
+        if !best.as_ref().is_ok_and(meets) {
+            // Stronger edges than the rim's (turned grooves, a collet) led elsewhere.
+            let named = attempts.named().and_then(|found| measure_at(&found).ok());
+            let ragged = |m: &Measured| m.report.form_rms_mm >= agreement::RAGGED_MM;
+            match (named.filter(|m| meets(m) && !ragged(m)), &best) {
+                (Some(named), _) => best = Ok(named),
+                (None, Ok(other)) if ragged(other) => {
+                    return Err(agreement::none_near(nominal_mm, &other.report));
+                }
+                _ => {}
+            }
         }
     }
     best.map(|best| {

@@ -42,6 +42,8 @@ const LEAST: f32 = 0.17;
 const SUPPORTED: f32 = 0.55;
 /// The same for one at the nominal diameter, where no clearer one is.
 const NAMED: f32 = 0.3;
+/// How near it is to that, as a part of the radius.
+pub(super) const NAMED_WITHIN: f64 = 0.01;
 /// The same for one that is worth a word: texture and shadows have less.
 const FAINTER: f32 = 0.45;
 
@@ -140,7 +142,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         let gap = |b: &usize| (radius_mm(*b) - 0.5 * d).abs();
         let nearest = |peaks: &[usize]| {
             let nearest = peaks.iter().min_by(|a, b| gap(a).total_cmp(&gap(b)))?;
-            (gap(nearest) < 0.005 * d).then_some(*nearest)
+            (gap(nearest) < NAMED_WITHIN * 0.5 * d).then_some(*nearest)
         };
         nearest(&peaks).or_else(|| nearest(&peaks_above(NAMED)))
     });

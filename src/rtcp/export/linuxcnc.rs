@@ -30,7 +30,7 @@ pub(super) fn export(machine: &Machine) -> Export {
     let mut conventional = Parameter::code(
         "maxkins.conventional-directions",
         f64::from(u8::from(b > 0.0)),
-        "a positive B turns the nozzle towards -X",
+        format!("a positive B turns the nozzle towards {}X", if b > 0.0 { '-' } else { '+' }),
     );
     if c > 0.0 {
         conventional.meaning =
@@ -116,9 +116,11 @@ MAX_ANGULAR_VELOCITY = 360
     };
     for (letter, joint, usual, speed) in JOINTS {
         let [low, high] = limits(letter, usual);
+        let home = if letter == 'U' { 0.0 - machine.head.delta_x_mm } else { 0.0 };
+        // U has to reach the place where it is parked.
+        let [low, high] = [low.min(home), high.max(home)];
         // World coordinates and joints differ for X, Y, Z, so an axis' limits cannot be its joint's.
         let [axis_low, axis_high] = if joint < 3 { usual } else { [low, high] };
-        let home = if letter == 'U' { 0.0 - machine.head.delta_x_mm } else { 0.0 };
         let kind = if matches!(letter, 'A' | 'B' | 'C') { "ANGULAR" } else { "LINEAR" };
         let acceleration = 4.0 * speed;
         let _ = write!(

@@ -73,7 +73,7 @@ impl Parameter {
         if self.unit.is_empty() {
             format!("{:.0}", self.value)
         } else {
-            format!("{:.4}", self.value)
+            format!("{:.4}", (1e4 * self.value).round() / 1e4 + 0.0)
         }
     }
 

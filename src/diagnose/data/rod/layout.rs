@@ -6,9 +6,13 @@ use super::Rod;
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::sites;
 use crate::diagnose::experiment::{Direction, Layout, Variable};
+use crate::fit::robust::range;
 
 /// Captures that see more of the rim than this show its lobes.
 const WHOLE_DEG: f64 = 240.0;
+
+/// A rod whose rim lies all at one distance from the frame's middle, within this part of its radius, says nothing over that distance.
+const LEAST_SPREAD: f64 = 0.02;
 
 /// How much of the rim the middle one of the captures sees, degrees.
 fn seen_deg(angles: &[f64], capture: &[usize], captures: usize) -> f64 {
@@ -61,11 +65,17 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     if !c_deg.is_empty() {
         add("rod_angle_deg", rim_deg.clone(), true, true);
     }
-    let offset = |i: usize| data.points[i] - data.place[data.capture[i]];
+    // Where the point is expected: its own place holds its error, and would explain it.
+    let radius = values.iter().sum::<f64>() / points.max(1) as f64;
+    let offset = |i: usize| data.pole + normals[i] * radius - data.place[data.capture[i]];
     let [eu, ev] = data.axes;
     add("frame_u_mm", (0..points).map(|i| eu.dot(&offset(i))).collect(), false, true);
     add("frame_v_mm", (0..points).map(|i| ev.dot(&offset(i))).collect(), false, true);
-    add("frame_radius_mm", (0..points).map(|i| offset(i).norm()).collect(), false, true);
+    let from_middle: Vec<f64> = (0..points).map(|i| offset(i).norm()).collect();
+    let (least, most) = range(&from_middle);
+    if most - least > LEAST_SPREAD * radius {
+        add("frame_radius_mm", from_middle, false, true);
+    }
     let column = |f: &dyn Fn(f64) -> f64| angles.iter().map(|a| f(*a)).collect::<Vec<f64>>();
     let directions = vec![
         Direction::whole("x", normals.iter().map(|n| n.x).collect()),
