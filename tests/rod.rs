@@ -356,3 +356,45 @@ fn one_capture_an_angle_tells_the_diameter_as_surely_as_it_is_known() {
         assert!(middle_mm < widest_mm, "{middle_mm} mm");
     }
 }
+
+/// A rim that lies at another height than the calibration's plane, or beside an edge at another height, bends its arcs too much or too little. The
+/// machine's places tell the diameter then, where the nominal one says that it is the rod.
+#[test]
+fn arcs_that_all_bend_too_little_leave_the_diameter_to_the_machine() {
+    const MM_PER_PX: f64 = 0.008;
+    let radius_px = 900.0;
+    let ways: Vec<(f64, f64)> = (0..6).map(|k| (0.0, 17.0 + 60.0 * f64::from(k))).collect();
+    let disc = |from: Vector2<f64>, _| if from.norm() < radius_px { 170.0 } else { 60.0 };
+    let (captures, mut frames) = turning(&ways, MM_PER_PX, radius_px, disc);
+    let mapping = Mapping::Scale { mm_per_px: 1.004 * MM_PER_PX, rotation_deg: 0.0 };
+    let enlarged = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
+    frames.iter_mut().for_each(|(_, view)| *view = enlarged.view(640, 480).unwrap());
+    let truth_mm = 2.0 * radius_px * MM_PER_PX;
+    let options = Options { diameter_mm: Some(truth_mm + 0.01), ..Options::default() };
+    let report = rod::measure_frames(&captures, &frames, &options).unwrap().report;
+    let off_mm = report.diameter_mm - truth_mm;
+    assert!(off_mm.abs() < report.diameter_u95_mm, "{off_mm} ± {}", report.diameter_u95_mm);
+    assert!(report.diameter_u95_mm < 0.004 && report.axis_center_u95_mm[0] < 0.002, "{report:?}");
+    let told = "0.40 % too large";
+    assert!(report.warnings.iter().any(|w| w.contains(told)), "{:?}", report.warnings);
+}
+
+/// Turned grooves in the face are clearer than the rim: a nominal diameter says which of them is the rod, and one that nothing has is no reason to
+/// take a ragged circle.
+#[test]
+fn a_nominal_diameter_finds_the_rim_beside_clearer_grooves() {
+    const MM_PER_PX: f64 = 0.008;
+    let radius_px = 1250.0;
+    let ways: Vec<(f64, f64)> = (0..6).map(|k| (0.0, 17.0 + 60.0 * f64::from(k))).collect();
+    let face = |from: Vector2<f64>, _| match radius_px - from.norm() {
+        inside if inside < 0.0 => 120.0,
+        inside if (175.0..181.0).contains(&inside) || (190.0..196.0).contains(&inside) => 20.0,
+        _ => 150.0,
+    };
+    let (captures, frames) = turning(&ways, MM_PER_PX, radius_px, face);
+    let truth_mm = 2.0 * radius_px * MM_PER_PX;
+    let options = Options { diameter_mm: Some(truth_mm), ..Options::default() };
+    let report = rod::measure_frames(&captures, &frames, &options).unwrap().report;
+    let off_mm = report.diameter_mm - truth_mm;
+    assert!(off_mm.abs() < report.diameter_u95_mm, "{off_mm} ± {}", report.diameter_u95_mm);
+}

@@ -9,7 +9,7 @@ use crate::error::{Error, Result};
 use crate::fit::robust::scatter;
 
 /// No check rod is out of round by this much: smooth arcs that miss their circle by more are edges of two circles.
-const DISAGREEMENT_MM: f64 = 0.01;
+pub(super) const DISAGREEMENT_MM: f64 = 0.01;
 /// A turned rim wanders by less than this; edges of two circles taken together wander by more.
 pub(super) const RAGGED_MM: f64 = 0.006;
 /// Share of a capture's edge that one of each table angle's must have on the circle, and another of several.
@@ -142,6 +142,14 @@ pub(super) fn places_and_form(
             "{}: left out: where the other captures put its rim there is none{elsewhere}: check the picture, its x_mm, \
              y_mm and c_deg",
             c.image
+        ));
+    }
+    if let Some(by) = refined.enlarged {
+        warnings.push(format!(
+            "the arcs bend as if the pictures were {:.2} % too {}: the rim may lie at another height than the calibration's plane, or beside \
+             another edge; the diameter is that of the machine's places, not of the bend (`calib check` tells whether the calibration holds)",
+            100.0 * by.abs(),
+            if by > 0.0 { "large" } else { "small" }
         ));
     }
     let scatter_mm = refined.position_scatter_mm();

@@ -23,7 +23,8 @@ pub(super) fn finish(
     Followed { arcs, robust, shift, bow }: &Followed,
 ) -> Result<Measured> {
     let angles = c_deg.len();
-    let refined = joint::refine(arcs, angles, robust, bow).ok_or_else(|| {
+    let is_nominal = |radius: f64| options.is_nominal(2.0 * radius);
+    let refined = joint::refine(arcs, angles, robust, bow, is_nominal).ok_or_else(|| {
         Error::measure(
             "captures",
             "the arcs do not determine a circle",

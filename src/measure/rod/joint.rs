@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Vector2};
 
+use super::agreement;
 use super::light::Bow;
 use crate::fit::Circle;
 use crate::fit::circle::tukey;
@@ -9,6 +10,7 @@ use crate::fit::correlated::{self, Fit, Rows};
 use crate::fit::robust::{median, scatter};
 use crate::measure::points::Points;
 use crate::measure::rows::{group_rows, robust_weights};
+use crate::uncertainty::k95;
 
 /// The edge points of one capture in machine coordinates.
 #[derive(Debug, Clone)]
@@ -190,6 +192,8 @@ pub(super) struct Refined {
     pub misses_mm: f64,
     /// The same with every capture where it seems to be.
     pub form_mm: f64,
+    /// By what part the pictures seem enlarged, where the arcs bend otherwise than their places say.
+    pub enlarged: Option<f64>,
 }
 
 impl Refined {
@@ -200,11 +204,18 @@ impl Refined {
 }
 
 /// Generalised least squares about the robust solution. Coefficients: centre x, y of every angle, then the radius.
-pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint, bow: &Bow) -> Option<Refined> {
+/// `is_nominal` tells whether a radius is the rod's.
+pub(super) fn refine(
+    arcs: &[Arc],
+    angles: usize,
+    joint: &Joint,
+    bow: &Bow,
+    is_nominal: impl Fn(f64) -> bool,
+) -> Option<Refined> {
     let mut design = Vec::new();
     let (mut y, mut variance, mut place, mut group) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
-    let (mut displacement, mut bent) = (Vec::new(), Vec::new());
+    let (mut displacement, mut bent, mut outwards) = (Vec::new(), Vec::new(), Vec::new());
     for (k, arc) in arcs.iter().enumerate() {
         let rows = group_rows(&arc.points, &joint.weights[k], joint.put(arc), GROUPS_PER_ARC);
         for i in 0..rows.y.len() {
@@ -219,6 +230,7 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint, bow: &Bow) -> O
             group.push(k);
             let out = Vector2::new(rows.design[(i, 0)], rows.design[(i, 1)]);
             bent.push(bow.moves_mm(rows.place[i], out, arc.points.located.step.softness_px));
+            outwards.push(bow.outwards_mm(rows.place[i], out));
             displacement.push(out);
         }
     }
@@ -235,6 +247,15 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint, bow: &Bow) -> O
         unsteady_if_long: false,
     };
     let mut fit = correlated::fit(&rows, None)?;
+    let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
+    let mut enlarged = None;
+    if let Some((other, by)) = if_enlarged(&rows, &fit, &outwards) {
+        // Another object's edge at another height bends so too.
+        let radius = joint.radius + other.beta[2 * angles];
+        if is_nominal(radius) || rms(&fit.residuals) < agreement::DISAGREEMENT_MM {
+            (fit, enlarged) = (other, Some(by));
+        }
+    }
     for rows in correlated::groups(&group) {
         let moved = fit.influence.columns(rows.start, rows.len()).column_sum();
         let place_mm = PLACE_PX * arcs[group[rows.start]].points.pixel_mm;
@@ -242,14 +263,45 @@ pub(super) fn refine(arcs: &[Arc], angles: usize, joint: &Joint, bow: &Bow) -> O
     }
     let bent = &fit.influence * DVector::from_vec(bent);
     fit.covariance += &bent * bent.transpose();
-    let rms = |v: &DVector<f64>| (v.norm_squared() / v.len() as f64).sqrt();
     Some(Refined {
         misses_mm: rms(&fit.residuals),
         form_mm: rms(&(&fit.residuals - &fit.moved)),
         fit,
         groups: group,
+        enlarged,
     })
 }
+
+/// The fit with a scale of the pictures of its own, and that scale, where all arcs miss the circle outwards or all inwards by the same: places
+/// that scatter do not, arcs that bend too little or too much do. A rim at another height than the calibration's plane bends so, and one beside
+/// an edge at another height.
+fn if_enlarged(rows: &Rows, fit: &Fit, outwards: &[f64]) -> Option<(Fit, f64)> {
+    let ranges = correlated::groups(&rows.group);
+    if ranges.len() < LEAST_ARCS || fit.displaced < 0.5 {
+        return None;
+    }
+    let n = ranges.len() as f64;
+    let means: Vec<f64> = ranges.into_iter().map(|r| fit.residuals.rows_range(r).mean()).collect();
+    let mean = means.iter().sum::<f64>() / n;
+    let sd = (means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+    if mean.abs() < LEAST_MISS_MM.max(ALL_MISS * k95(n - 1.0) * sd / n.sqrt()) {
+        return None;
+    }
+    let p = rows.design.ncols();
+    let mut design = rows.design.clone().insert_column(p, 0.0);
+    design.set_column(p, &DVector::from_column_slice(outwards));
+    let mut other = correlated::fit(&Rows { design, ..rows.clone() }, None)?;
+    let by = other.beta[p];
+    other.beta = other.beta.remove_row(p);
+    other.covariance = other.covariance.remove_row(p).remove_column(p);
+    other.influence = other.influence.remove_row(p);
+    (other.displacement_sd < 0.5 * fit.displacement_sd).then_some((other, by))
+}
+
+/// Arcs of which it can be said that all miss alike, by how much at least, and by how many times the half width of their mean's interval.
+const LEAST_ARCS: usize = 4;
+const LEAST_MISS_MM: f64 = 0.0005;
+const ALL_MISS: f64 = 3.0;
 
 /// An arc as a whole is out of place by this much (standard deviation), and all arcs together too far out or in by that: how pixels
 /// integrate light and where the counts are rounded shows in no residual. So clean renderings of two makers scatter.

@@ -50,9 +50,14 @@ impl Bow {
         Self { middle_mm, per_px2: 2.0 * CORNERS / corner.norm_squared() }
     }
 
+    /// How far from the frame's middle an edge lies, outwards of it.
+    pub fn outwards_mm(&self, place_mm: Vector2<f64>, out: Vector2<f64>) -> f64 {
+        (place_mm - self.middle_mm).dot(&out)
+    }
+
     /// How far it moves an edge of some softness outwards, mm (standard deviation; the same light in all captures).
     pub fn moves_mm(&self, place_mm: Vector2<f64>, out: Vector2<f64>, softness_px: f64) -> f64 {
-        REACTS * softness_px * softness_px * self.per_px2 * (place_mm - self.middle_mm).dot(&out)
+        REACTS * softness_px * softness_px * self.per_px2 * self.outwards_mm(place_mm, out)
     }
 }
 

@@ -73,6 +73,9 @@ pub fn measure(
             let doubt = picture.doubt();
             Ok(((calibration.linear(picture.into_frame(options.channel)), view), doubt))
         })
+        .collect::<Vec<_>>()
+        // The first that fails is named, whichever was read first.
+        .into_iter()
         .collect::<Result<Vec<_>>>()?;
     let (frames, doubts): (Vec<_>, Vec<_>) = read.into_iter().unzip();
     let mut measured = measure_frames(captures, &frames, options)?;
@@ -119,8 +122,6 @@ pub fn check(options: &Options) -> Result<()> {
 /// Rims that wander by more may be edges of two circles, if those of another wander by less than this part of it.
 const DOUBTFUL_MM: f64 = 0.003;
 const CLEARER: f64 = 0.5;
-/// Standard uncertainties of the nominal diameter within which a rim is the one that it names.
-const NOMINAL: f64 = 3.0;
 /// Other centres that are tried then.
 const OTHERS: usize = 2;
 
@@ -167,9 +168,7 @@ pub fn measure_frames(
         }
     }
     if let Some(nominal_mm) = options.diameter_mm {
-        let meets = |m: &Measured| {
-            (m.report.diameter_mm - nominal_mm).abs() < NOMINAL * options.diameter_u_mm
-        };
+        let meets = |m: &Measured| options.is_nominal(m.report.diameter_mm);
         if !best.as_ref().is_ok_and(meets) {
             // Stronger edges than the rim's (turned grooves, a collet) led elsewhere.
             let named = attempts.named().and_then(|found| measure_at(&found).ok());

@@ -26,6 +26,13 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// Whether a diameter is the rod's nominal one, as far as that is known.
+    pub(super) fn is_nominal(&self, diameter_mm: f64) -> bool {
+        self.diameter_mm.is_some_and(|d| (diameter_mm - d).abs() < 3.0 * self.diameter_u_mm)
+    }
+}
+
 /// The rod's centre at one table angle.
 #[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
 pub struct RodCenter {
