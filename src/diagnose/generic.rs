@@ -45,6 +45,10 @@ pub struct Term {
 
 /// Highest harmonic tried in an angle.
 const HARMONICS: u32 = 8;
+/// Distinct values from which on a step is another shape than a line.
+const LEAST_OF_A_STEP: usize = 3;
+/// The same of a bump at one of them.
+const LEAST_OF_A_BUMP: usize = 4;
 /// Places of a step that are tried over the range of a variable.
 const PLACES: usize = 12;
 /// Values on either side of a step, where there are many.
@@ -327,7 +331,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
     if !whole_turn {
         shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
     }
-    if count >= 6 {
+    if count >= LEAST_OF_A_STEP {
         let spots = PLACES.min(count - 1);
         for s in 0..spots {
             let i = ((s as f64 + 0.5) / spots as f64 * (count - 1) as f64) as usize;
@@ -340,6 +344,11 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         if count >= VALUES_TO_A_LEVEL * LEVELS[1] {
             shapes.push(Shape::Levels(LEVELS[1]));
         }
+    }
+    if (LEAST_OF_A_BUMP..8).contains(&count) {
+        // One value alone, which is no end: those are steps.
+        let gap = distinct.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
+        shapes.extend(distinct[1..count - 1].iter().map(|at| Shape::Bump(*at, gap / 4.0)));
     }
     if count >= 8 {
         let spots = 16.min(count);
