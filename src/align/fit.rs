@@ -111,6 +111,24 @@ impl Touches {
     }
 }
 
+impl Touches {
+    /// Standard uncertainty of a touch by its last digit alone: readings that agree to it tell no more.
+    fn rounding_mm(&self) -> f64 {
+        let face = self.face.iter().map(|p| p.z);
+        let sides = self.sides.iter().enumerate().flat_map(|(i, s)| s.iter().map(move |p| p[i]));
+        let readings: Vec<f64> = face.chain(sides).collect();
+        let rounded = |step: &f64| {
+            readings
+                .iter()
+                .all(|v| (v / step).fract().abs().min(1.0 - (v / step).fract().abs()) < 1e-4)
+        };
+        COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
+    }
+}
+
+/// Last digits that readings may have been rounded to. Coarser ones are of round numbers, not of a probe.
+const COARSE_STEPS_MM: [f64; 3] = [0.01, 0.001, 0.0001];
+
 /// A blank's position from touches without uncertainty.
 struct Lie {
     /// A, B, dz, centre x, y.
@@ -222,7 +240,7 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
     let dof = touches.face.len() as f64 - 3.0;
     let (u, k) = match options.touch_u_mm {
         Some(u) => (u, K95),
-        None if dof >= 1.0 => ((left / dof).sqrt(), k95(dof)),
+        None if dof >= 1.0 => ((left / dof).sqrt().max(touches.rounding_mm()), k95(dof)),
         None => {
             warnings.push(format!(
                 "three face points tell nothing of their own uncertainty: {ASSUMED_TOUCH_MM} mm is assumed; give --touch-u-mm \

@@ -10,7 +10,7 @@ use crate::cli::{Global, Outcome, result, rows};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::output::Document;
-use crate::rtcp::export::{Confidence, Control, Parameter, differences, export};
+use crate::rtcp::export::{Confidence, Control, Export, Parameter, differences, export};
 
 /// Writes the machine's numbers the way a control wants them
 #[derive(Debug, clap::Args)]
@@ -36,7 +36,11 @@ pub enum Output {
     /// Everything the control takes.
     Whole { parameters: Vec<Parameter>, files: Vec<File> },
     /// What differs from another machine file.
-    Changes { changes: Vec<Change> },
+    Changes {
+        changes: Vec<Change>,
+        /// Lines of the files that change beside these values.
+        lines: Vec<Line>,
+    },
 }
 
 /// A file for the control.
@@ -58,6 +62,13 @@ pub struct Change {
     change: f64,
     meaning: String,
     confidence: Confidence,
+}
+
+/// A line that changes in one of the files.
+#[derive(Serialize, JsonSchema)]
+pub struct Line {
+    file: String,
+    line: String,
 }
 
 /// Runs the command.
@@ -105,9 +116,11 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 confidence: p.confidence,
             })
             .collect();
-        if changes.is_empty() {
+        let lines = other_lines(&before, &made, &changes);
+        if changes.is_empty() && lines.is_empty() {
             table += "nothing changes\n";
-        } else {
+        }
+        if !changes.is_empty() {
             let _ =
                 writeln!(table, "{:<36} {:>12} {:>12} {:>10}", "parameter", "old", "new", "change");
         }
@@ -119,8 +132,11 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 c.name, c.old, c.new, c.change, c.meaning
             );
         }
+        for Line { file, line } in &lines {
+            let _ = writeln!(table, "{file}: {line}");
+        }
         let rows = rows(&changes);
-        (Output::Changes { changes }, rows)
+        (Output::Changes { changes, lines }, rows)
     } else {
         let several = made.files.len() > 1;
         for (name, text) in &made.files {
@@ -136,4 +152,26 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let json = result("export", &args.machine, &warnings, &output);
     Ok(Outcome::good(Document { json, rows, table }))
+}
+
+/// Lines of the new files that the old ones lack and that none of the changed values explains: a stand-off or a sense that only a remark tells.
+fn other_lines(old: &Export, new: &Export, changes: &[Change]) -> Vec<Line> {
+    let values: Vec<String> = changes
+        .iter()
+        .filter_map(|c| new.parameters.iter().find(|p| p.name == c.name))
+        .map(Parameter::text)
+        .collect();
+    let of_old = |name: &str| {
+        old.files.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str())
+    };
+    let told = |line: &str| values.iter().any(|v| line.contains(v.as_str()));
+    let lines = new.files.iter().flat_map(|(name, text)| {
+        let before: std::collections::HashSet<&str> = of_old(name).lines().collect();
+        let changed = move |line: &&str| !before.contains(line);
+        text.lines().filter(changed).map(move |line| (name.clone(), line))
+    });
+    lines
+        .filter(|(_, line)| !told(line))
+        .map(|(file, line)| Line { file, line: line.trim().to_owned() })
+        .collect()
 }

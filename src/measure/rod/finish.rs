@@ -195,8 +195,21 @@ fn find_axis(
             agreement::turn_together(&axis, excess, centers, c_deg, options.c_sense)?;
         }
     }
+    if axis.dof == 0
+        && let Some(other) = axis::axis(rod, c_deg, -options.c_sense, in_place)
+    {
+        let apart_mm = (other.known.pair(0) - axis.known.pair(0)).norm();
+        if apart_mm > OTHER_SENSE_MM {
+            warnings.push(format!(
+                "two table angles do not tell which way C turns: if c_sense is the other one, the axis lies {apart_mm:.4} mm away; add a third angle"
+            ));
+        }
+    }
     Ok(Some(axis))
 }
+
+/// An axis that the other sense of C puts farther away is worth a word.
+const OTHER_SENSE_MM: f64 = 0.002;
 
 /// σ²/2R: a blurred rim's half level lies that much inside.
 fn blurred_radius(points: &Points) -> f64 {

@@ -1,0 +1,163 @@
+//! Diagnosis on plans as they are measured in practice: the table turned under one place, few angles, a slipped reading, two lengths wrong at once.
+
+#![allow(clippy::unwrap_used)]
+
+#[path = "common/json.rs"]
+mod json;
+
+use std::fmt::Write;
+use std::path::Path;
+
+use rand::SeedableRng;
+use rand_distr::{Distribution, StandardNormal};
+use serde_json::Value;
+
+const MACHINE: &str = "schema = 1\n[head]\ndelta_x_mm = -1.3\nr_mm = 301.1\n[target]\nposition_mm = [60.0, -15.0, 40.0]\n";
+
+fn normal(seed: u64) -> impl FnMut() -> f64 {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(seed);
+    move || StandardNormal.sample(&mut random)
+}
+
+/// Diagnoses `csv`; with the file `other` where the kind needs one.
+fn diagnose(kind: &str, csv: &str, other: Option<(&str, &str)>, more: &[&str]) -> (Value, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| -> String {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().into()
+    };
+    let data = file("data.csv", csv);
+    let mut arguments = vec!["diagnose", kind, "--data", &data];
+    let path = other.map(|(_, text)| file("other.toml", text));
+    if let (Some((option, _)), Some(path)) = (other, &path) {
+        arguments.extend([option, path]);
+    }
+    arguments.extend(more);
+    let (report, code, words) = json::run(&arguments);
+    assert_eq!(code, Some(0), "{words}");
+    (report, words)
+}
+
+/// Edge points of a rod that turns under a camera at one place, `off` its axis, C counting by `sense`.
+fn turned(off_mm: f64, sense: f64) -> String {
+    let mut normal = normal(7);
+    let mut csv = String::from("capture,x_mm,y_mm,c_deg,u_px,v_px\n");
+    for k in 0..20 {
+        let c = f64::from(k * 7 % 20) * 18.0;
+        let (s, co) = (sense * c).to_radians().sin_cos();
+        for p in 0..60 {
+            let (sin, cos) = (f64::from(p) * 6.0_f64).to_radians().sin_cos();
+            let r = 3.0 + 0.0008 * normal();
+            let at = [0.015 + off_mm * co + r * cos, -0.01 + off_mm * s + r * sin];
+            let (u, v) = (at[0] / 0.008 + 800.0, -at[1] / 0.008 + 600.0);
+            writeln!(csv, "{k},412.31,-87.6,{c},{u:.4},{v:.4}").unwrap();
+        }
+    }
+    csv
+}
+
+#[test]
+fn a_rod_turned_under_the_camera_is_no_unknown_and_tells_which_way_it_turns() {
+    let calib = Some(("--calib", "schema = 1\nname = \"plain\"\n[scale]\nmm_per_px = 0.008\n"));
+    let (report, words) = diagnose("rod", &turned(0.0, 1.0), calib, &[]);
+    assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
+    assert!(!words.contains("against C"), "{words}");
+    let (report, words) = diagnose("rod", &turned(0.05, 1.0), calib, &[]);
+    assert_eq!(report["effects"][0]["name"], "rod-eccentricity", "{}", report["unnamed"]);
+    assert!(!words.contains("against C"), "{words}");
+    let (_, words) = diagnose("rod", &turned(0.05, -1.0), calib, &[]);
+    assert!(words.contains("goes round against C"), "{words}");
+}
+
+#[test]
+fn a_slipped_reading_chooses_no_baseline_for_a_screw() {
+    for slipped in [12, 33, 54, 75, 96] {
+        let mut normal = normal(slipped);
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+        for k in 0..108_u64 {
+            let (warm, position) = (f64::from((k / 9) as u32), 100.0 * f64::from((k % 9) as u32));
+            let (rise, head) = (0.9 * warm, 6.0 * (1.0 - (-warm / 4.0).exp()));
+            let error = 1.1e-5 * rise * (position - 120.0) + 0.002 * head + 0.001 * normal();
+            let error = error + if k == slipped { 0.05 } else { 0.0 };
+            writeln!(csv, "{},x,{position},{error:.6},{:.3},{head:.3}", 60 * k, 20.0 + rise)
+                .unwrap();
+        }
+        let (report, _) = diagnose("thermal", &csv, None, &[]);
+        assert_eq!(report["verdict"], "consistent", "{slipped}: {}", report["effects"]);
+        assert_eq!(report["outliers"].as_array().unwrap().len(), 1, "{}", report["outliers"]);
+    }
+}
+
+/// What happens at one of five angles, or beyond one of them, is no sum of tilts.
+#[test]
+fn five_angles_are_enough_for_a_step_and_a_bump() {
+    let step = |b: f64| if b > 20.0 { 0.015 } else { 0.0 };
+    let bump = |b: f64| if b == 45.0 { 0.01 } else { 0.0 };
+    let shapes: [(&dyn Fn(f64) -> f64, &str); 2] = [(&step, "step"), (&bump, "bump")];
+    for (hidden, shape) in shapes {
+        for seed in 0..4 {
+            let mut normal = normal(seed);
+            let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+            for k in 0..70 {
+                let (b, c) = (45.0 * f64::from(k % 5) - 90.0, f64::from(k / 5 % 7) * 47.0);
+                let mut noise = || 0.002 * normal();
+                let d = [noise(), hidden(b) + noise(), noise()];
+                writeln!(csv, "{b},{c},{:.6},{:.6},{:.6}", d[0], d[1], d[2]).unwrap();
+            }
+            let (report, _) = diagnose("rtcp", &csv, Some(("--model", MACHINE)), &[]);
+            assert_eq!(report["verdict"], "unknown", "{shape} {seed}: {}", report["effects"]);
+            let told = &report["unnamed"][0];
+            assert_eq!((&told["output"], &told["versus"]), (&"dy_mm".into(), &"b_deg".into()));
+            assert!(told["shape"].as_str().unwrap().starts_with(shape), "{told}");
+        }
+    }
+}
+
+/// A zero of B that would have to be off by degrees is no other name for a length, and makes no length unsure by millimetres.
+#[test]
+fn two_wrong_lengths_have_the_intervals_that_the_noise_gives_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str| folder.path().join(name);
+    let effects = "[[effects]]\nname = \"pivot-length\"\nparameters = { r_mm = 0.15 }\n\
+                   [[effects]]\nname = \"pivot-offset-x\"\nparameters = { delta_x_mm = -0.07 }\n";
+    std::fs::write(file("truth.toml"), format!("{MACHINE}{effects}")).unwrap();
+    let mut plan = String::from("b_deg,c_deg\n");
+    for k in 0..40 {
+        writeln!(plan, "{},{}", f64::from(k % 8) * 22.3 - 78.0, f64::from(k / 8) * 71.0).unwrap();
+    }
+    std::fs::write(file("plan.csv"), plan).unwrap();
+    let path = |name: &str| -> String { file(name).to_str().unwrap().into() };
+    let [truth, plan, data] = ["truth.toml", "plan.csv", "data.csv"].map(path);
+    let simulated = assert_cmd::Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(["simulate", "rtcp", "--model", &truth, "--data", &plan, "--noise-mm", "0.001"])
+        .args(["--seed", "5", "--format", "csv", "--out", &data])
+        .output()
+        .unwrap();
+    assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
+    let csv = std::fs::read_to_string(Path::new(&data)).unwrap();
+    let given = ["--noise-mm", "0.001"];
+    let (report, _) = diagnose("rtcp", &csv, Some(("--model", MACHINE)), &given);
+    for (name, size, key) in
+        [("pivot-length", 0.15, "r_mm"), ("pivot-offset-x", -0.07, "delta_x_mm")]
+    {
+        let effects = report["effects"].as_array().unwrap();
+        let effect = effects.iter().find(|e| e["name"] == name).unwrap();
+        let value = effect["parameters"][key].as_f64().unwrap();
+        let u95 = effect["parameters_u95"][key].as_f64().unwrap();
+        assert!((value - size).abs() < 1.5 * u95 && u95 < 0.002, "{name} {value} ± {u95}");
+    }
+    // A noise that nothing measures is no noise.
+    let (_, code, words) = json::run(&[
+        "diagnose",
+        "rtcp",
+        "--model",
+        &truth,
+        "--data",
+        &data,
+        "--noise-mm",
+        "1e-170",
+    ]);
+    assert!(code == Some(2) && words.contains("--noise-mm"), "{words}");
+}
