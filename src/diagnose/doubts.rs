@@ -40,12 +40,12 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
     doubts.extend(copies(layout).map(|count| {
         format!("all {count} repeated captures are the same to the last digit: copies tell nothing of the noise")
     }));
-    if let (Some(given), Some(seen)) = (fitter.given_mm, repeated_mm(layout)) {
-        if given < MUCH_LESS * seen {
-            doubts.push(format!(
-                "--noise-mm {given} is far less than repeated captures differ by, {seen:.5} mm: what they differ by is then no noise, and hides effects"
-            ));
-        }
+    if let (Some(given), Some(seen)) = (fitter.given_mm, repeated_mm(layout))
+        && given < MUCH_LESS * seen
+    {
+        doubts.push(format!(
+            "--noise-mm {given} is far less than repeated captures differ by, {seen:.5} mm: what they differ by is then no noise, and hides effects"
+        ));
     }
     if fitter.space.serial().is_some() {
         let residual = &s.fitted.residual;
