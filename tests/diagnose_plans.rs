@@ -161,3 +161,42 @@ fn two_wrong_lengths_have_the_intervals_that_the_noise_gives_them() {
     ]);
     assert!(code == Some(2) && words.contains("--noise-mm"), "{words}");
 }
+
+/// A B that counts the other way, as `solve` writes it, has the same lengths. The chain of axes, which knows no effects, predicts the data.
+#[test]
+fn a_b_that_counts_the_other_way_has_the_same_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| -> String {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().into()
+    };
+    let turned = format!("{MACHINE}[axes.B]\nsense = -1\n");
+    let held = write("held.toml", &turned);
+    let real = turned.replace("-1.3", "-1.25").replace("301.1", "301.0");
+    let real = write("real.toml", &real);
+    let mut plan = String::from("b_deg,c_deg\n");
+    for k in 0..56 {
+        writeln!(plan, "{},{}", f64::from(k % 8) * 22.3 - 78.0, f64::from(k / 8) * 51.0).unwrap();
+    }
+    let plan = write("plan.csv", &plan);
+    let data = write("data.csv", "");
+    let simulated = assert_cmd::Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(["simulate", "rtcp", "--model", &real, "--now", &held, "--data", &plan])
+        .args(["--noise-mm", "0.001", "--seed", "5", "--format", "csv", "--out", &data])
+        .output()
+        .unwrap();
+    assert!(simulated.status.success(), "{}", String::from_utf8_lossy(&simulated.stderr));
+    let csv = std::fs::read_to_string(&data).unwrap();
+    let (report, _) = diagnose("rtcp", &csv, Some(("--model", &turned)), &[]);
+    assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+    let effects = report["effects"].as_array().unwrap();
+    let length = effects.iter().find(|e| e["name"] == "pivot-length").unwrap();
+    let value = length["parameters"]["r_mm"].as_f64().unwrap();
+    let u95 = length["parameters_u95"]["r_mm"].as_f64().unwrap();
+    assert!((value + 0.1).abs() < 1.5 * u95 && u95 < 0.002, "{value} ± {u95}");
+    // A zero of B is the same to the data.
+    let told = effects.iter().any(|e| e.to_string().contains("pivot-offset-x"));
+    assert!(told && effects.len() == 2, "{effects:?}");
+}

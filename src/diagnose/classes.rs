@@ -1,9 +1,12 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
+use nalgebra::DMatrix;
+
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::Fitter;
-use crate::diagnose::parts::{Part, without};
+use crate::diagnose::parts::{Part, add, remove, without};
 use crate::diagnose::pool::Who;
+use crate::diagnose::score::{Score, Standing};
 use crate::diagnose::select::Selection;
 
 /// A rival must be this much less likely to be ruled out, nats: odds of 10 to 1 where names show in several outputs at once, of 100 to
@@ -14,6 +17,9 @@ fn ruled_out(fitter: &Fitter) -> f64 {
 
 /// Sizes beyond so many typical ones no machine shows: an alias that would have to be as large is none.
 const ABSURD: f64 = 50.0;
+
+/// What is ruled out on the grid of its lags by no more than this may not be between them, nats.
+const BETWEEN: f64 = 4.0;
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]
@@ -53,10 +59,17 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 let Who::Effect(a) = &selection.library.candidates[s.candidate].who else {
                     continue;
                 };
-                let deficit = own.evidence - s.evidence;
+                let mut deficit = own.evidence - s.evidence;
                 let here = (a.effect, a.form) == (named.effect, named.form)
                     || (sane && absurd(fitter, a, s.coefficient));
-                if here || taken(a.effect) || deficit > ruled_out(fitter) || s.evidence <= 0.0 {
+                if here || taken(a.effect) || s.evidence <= 0.0 {
+                    continue;
+                }
+                let missed = deficit - ruled_out(fitter);
+                if (0.0..BETWEEN).contains(&missed) {
+                    deficit -= refined(fitter, selection, i, &standing, &s);
+                }
+                if deficit > ruled_out(fitter) {
                     continue;
                 }
                 let rival =
@@ -71,6 +84,20 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
             best
         })
         .collect()
+}
+
+/// What a form's lag or place, found between those of the grid, gains over its score on the grid in place of the effect `i`, nats.
+fn refined(fitter: &Fitter, s: &Selection, i: usize, standing: &Standing, score: &Score) -> f64 {
+    let candidate = &s.library.candidates[score.candidate];
+    if candidate.shape_parameters == 0 {
+        return 0.0;
+    }
+    let f = &s.fitted;
+    let rest = remove(&f.model, Part::Effect(i));
+    let other = fitter.fit(add(fitter, &rest, &candidate.who), Some(&f.noise));
+    let column = DMatrix::from_column_slice(other.residual.len(), 1, &other.residual);
+    let left = fitter.whiten(&column, &f.noise).norm_squared();
+    0.5 * (standing.residual.norm_squared() - left - score.chi2).max(0.0)
 }
 
 /// Whether an effect is larger than machines show; with the coefficient of its one linear parameter where that is known.

@@ -166,7 +166,7 @@ impl ColumnsExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        need_head_b_table_c("ballbar", machine)?;
+        need_head_b_table_c("ballbar", machine, false)?;
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
         warnings.extend(units::celsius("temp_c", data.get("temp_c")));

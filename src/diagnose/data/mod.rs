@@ -80,15 +80,16 @@ pub fn check_direction(
 }
 
 /// The library's effects are written for B in the head and C in the table; a machine of another order is refused, not
-/// predicted wrongly.
-pub fn need_head_b_table_c(kind: &str, machine: &Machine) -> Result<()> {
+/// predicted wrongly. `any_sense`: B may count the other way.
+pub fn need_head_b_table_c(kind: &str, machine: &Machine, any_sense: bool) -> Result<()> {
     let rotary = |part: Option<&str>| -> String {
         part.unwrap_or("").chars().filter(|c| "ABC".contains(*c)).collect()
     };
     let mut parts = machine.kinematics.order.split('b');
     let usual = rotary(parts.next()) == "C" && rotary(parts.next()) == "B";
-    let moved = machine.axes.iter().find(|(_, a)| {
-        a.point_mm.is_some() || a.direction.is_some() || a.sense.is_some_and(|s| s != 1)
+    let moved = machine.axes.iter().find(|(name, a)| {
+        let turned = a.sense.is_some_and(|s| s != 1) && !(any_sense && *name == "B");
+        a.point_mm.is_some() || a.direction.is_some() || turned
     });
     let reason = match moved {
         None if usual => return Ok(()),

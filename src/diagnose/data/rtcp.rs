@@ -24,6 +24,8 @@ pub struct Geometry {
     pub head: Vector3<f64>,
     /// The C axis at the table's surface.
     pub centre: Vector3<f64>,
+    /// Sense of B: 1 where a positive B turns the nozzle towards -X.
+    pub b_sense: f64,
     /// Sense of C.
     pub c_sense: f64,
     /// The target in the table frame.
@@ -107,7 +109,7 @@ impl RtcpExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        need_head_b_table_c("rtcp", machine)?;
+        need_head_b_table_c("rtcp", machine, true)?;
         let (b_deg, c_deg) = (table.column("b_deg")?, table.column("c_deg")?);
         let rows = table.rows();
         warnings.extend(units::swept_angles("b_deg", &b_deg));
@@ -126,6 +128,7 @@ impl RtcpExperiment {
         let geometry = Geometry {
             head: machine.head_vector(),
             centre: machine.table_point(),
+            b_sense: f64::from(machine.axes.get("B").and_then(|b| b.sense).unwrap_or(1)),
             c_sense: f64::from(machine.c_sense),
             target: machine.target.map_or_else(Vector3::zeros, |t| t.position_mm.into()),
         };
@@ -178,7 +181,7 @@ pub fn add_effects(experiment: &dyn Experiment, d: &mut [Vector3<f64>]) {
 /// `(X, Y, Z) = T(C) - (v(B) - v0)`.
 fn nominal(g: &Geometry, b_deg: f64, c_deg: f64) -> Vector3<f64> {
     let turn = Rotation3::from_axis_angle(&Vector3::z_axis(), g.c_sense * c_deg.to_radians());
-    let swing = Rotation3::from_axis_angle(&Vector3::y_axis(), b_deg.to_radians());
+    let swing = Rotation3::from_axis_angle(&Vector3::y_axis(), g.b_sense * b_deg.to_radians());
     g.centre + turn * g.target - (swing * g.head - g.head)
 }
 

@@ -4,7 +4,7 @@ use nalgebra::{Rotation3, Vector3};
 
 use crate::diagnose::data::rtcp::Rtcp;
 
-/// Errors of the head: offsets, B angle, tilts of the B axis.
+/// Errors of the head: offsets, B angle (in B's own sense), tilts of the B axis.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct HeadError {
     pub(super) dx: f64,
@@ -27,10 +27,10 @@ pub struct PoseError {
 }
 
 impl HeadError {
-    /// Head vector at angle `b_rad`.
-    fn vector(&self, v0: Vector3<f64>, b_rad: f64) -> Vector3<f64> {
+    /// Head vector at angle `b_rad` of a B of some sense.
+    fn vector(&self, v0: Vector3<f64>, b_rad: f64, sense: f64) -> Vector3<f64> {
         let v = v0 + Vector3::new(self.dx, 0.0, -self.dr);
-        let v = Rotation3::from_axis_angle(&Vector3::y_axis(), b_rad + self.b) * v;
+        let v = Rotation3::from_axis_angle(&Vector3::y_axis(), sense * (b_rad + self.b)) * v;
         if self.tilt_x == 0.0 && self.tilt_z == 0.0 {
             return v;
         }
@@ -44,10 +44,10 @@ impl PoseError {
     /// The deviation at a pose; `target_shift` is where the target really is, less where the model has it (table frame).
     pub fn deviation(&self, data: &Rtcp, row: usize, target_shift: Vector3<f64>) -> Vector3<f64> {
         let (b, c) = (data.b_deg[row].to_radians(), data.c_deg[row].to_radians());
-        let v0 = data.geometry.head;
-        let nominal = Rotation3::from_axis_angle(&Vector3::y_axis(), b) * v0;
-        let head = self.head.vector(v0, b) - nominal;
-        let datum = self.datum.vector(v0, 0.0) - v0;
+        let (v0, b_sense) = (data.geometry.head, data.geometry.b_sense);
+        let nominal = Rotation3::from_axis_angle(&Vector3::y_axis(), b_sense * b) * v0;
+        let head = self.head.vector(v0, b, b_sense) - nominal;
+        let datum = self.datum.vector(v0, 0.0, b_sense) - v0;
         let sense = data.geometry.c_sense;
         let turn = |c: f64| Rotation3::from_axis_angle(&Vector3::z_axis(), sense * c);
         let p = data.geometry.target;

@@ -12,7 +12,7 @@ const LEFT: f64 = 0.5;
 /// A warning where a rod that turns with C explains the rim's places far better if C counts the other way.
 pub(super) fn doubt(data: &Rod) -> Option<String> {
     // Two angles can be joined by a turn either way.
-    if distinct(&data.c_rad).len() < 3 {
+    if data.c_rad.is_empty() || distinct(&data.c_rad).len() < 3 {
         return None;
     }
     let [stated, other] = [1.0, -1.0].map(|sense| left_mm(data, sense));
