@@ -5,6 +5,8 @@ use std::collections::BTreeSet;
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
+use crate::fit::robust::range;
+
 /// Heights of burns, mm: in metres or micrometres the method's 1 to 50 mm lie outside.
 const HEIGHTS_MM: RangeInclusive<f64> = 0.1..=1000.0;
 /// Distances from a rotary axis to the tool point, mm.
@@ -61,6 +63,23 @@ pub fn errors(name: &str, values: &[f64]) -> Option<String> {
     } else {
         None
     }
+}
+
+/// Machine positions from which pictures of one thing were taken: says so where they lie closer together, or farther apart, than what a picture
+/// shows allows.
+pub fn positions(places_mm: &[[f64; 2]], picture_mm: f64) -> Option<String> {
+    let span_mm = (0..2)
+        .map(|axis| range(&places_mm.iter().map(|p| p[axis]).collect::<Vec<_>>()))
+        .map(|(low, high)| high - low)
+        .fold(0.0, f64::max);
+    let unit = match span_mm / picture_mm {
+        parts if parts > 0.0 && parts < 0.01 => "metres",
+        parts if parts > 100.0 => "micrometres",
+        _ => return None,
+    };
+    Some(format!(
+        "x_mm and y_mm span {span_mm:.4} mm, a picture {picture_mm:.1} mm: if they are in {unit}, turn them into millimetres"
+    ))
 }
 
 /// Temperatures in °C: says so where the numbers look like kelvin.
@@ -132,6 +151,12 @@ mod tests {
 
     #[test]
     fn lengths_and_temperatures_of_another_unit_are_told() {
+        let places = [[4.9, -8.9], [12.8, -15.5], [19.8, -7.0]];
+        let scaled = |by: f64| places.map(|p| p.map(|v| by * v));
+        assert_eq!(positions(&places, 9.6), None);
+        assert!(positions(&scaled(1e-3), 9.6).unwrap().contains("in metres"));
+        assert!(positions(&scaled(1e3), 9.6).unwrap().contains("in micrometres"));
+        assert_eq!(positions(&[[3.0, 4.0]; 3], 9.6), None);
         assert_eq!([50.0, 3.0, 1.0, 0.5, 200.0].map(|h| height("h", h)), [const { None }; 5]);
         assert_eq!([6.0, 20.0, 150.0].map(|d| rod("d", d)), [const { None }; 3]);
         assert!(rod("rod.diameter_mm", 0.02).unwrap().contains("metres, write 20.0"));

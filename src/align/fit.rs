@@ -109,19 +109,14 @@ impl Touches {
         }
         Ok(touches)
     }
-}
 
-impl Touches {
     /// Standard uncertainty of a touch by its last digit alone: readings that agree to it tell no more.
     fn rounding_mm(&self) -> f64 {
         let face = self.face.iter().map(|p| p.z);
         let sides = self.sides.iter().enumerate().flat_map(|(i, s)| s.iter().map(move |p| p[i]));
         let readings: Vec<f64> = face.chain(sides).collect();
-        let rounded = |step: &f64| {
-            readings
-                .iter()
-                .all(|v| (v / step).fract().abs().min(1.0 - (v / step).fract().abs()) < 1e-4)
-        };
+        let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
+        let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
         COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
     }
 }

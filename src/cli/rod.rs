@@ -14,6 +14,7 @@ use crate::measure::cross::{self, Opinion};
 use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
+use crate::units;
 
 /// Measures the check rod from captures of its rim: the C axis, the rod's diameter and eccentricity
 #[derive(Debug, clap::Args)]
@@ -74,8 +75,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let Some(folder) = &args.overlay {
         global.makes("--overlay", folder, overlay_names(captures.iter().map(|c| &c.path)))?;
     }
-    let mut measured = rod::measure(&captures, &calibration, &options)
-        .map_err(|e| e.in_file(&args.captures, None))?;
+    let mut measured = rod::measure(&captures, &calibration, &options).map_err(|e| {
+        // What is odd about the table may be why.
+        warnings.extend(odd_places(&captures, &calibration));
+        warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+        e.in_file(&args.captures, None)
+    })?;
     if let Some(path) = &args.points {
         global.write(path, points_csv(&captures, &measured).as_bytes())?;
     }
@@ -97,6 +102,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let output = Output { calibration: identity, overlays, report, cross_check };
     let json = result("rod", &args.captures, &output.report.warnings, &output);
     Ok(Outcome::good(Document::single(json, words)))
+}
+
+/// A word on positions that may be in another unit.
+fn odd_places(captures: &[Capture], calibration: &Calibration) -> Option<String> {
+    /// Where a calibration holds for any size.
+    const USUAL_PX: (usize, usize) = (1600, 1200);
+    let (width, height) = calibration.lens_size().unwrap_or(USUAL_PX);
+    let view = calibration.view(width, height).ok()?;
+    let places: Vec<[f64; 2]> = captures.iter().map(|c| c.position_mm.into()).collect();
+    units::positions(&places, view.pixel_mm() * width as f64)
 }
 
 /// OpenCV's opinion on the rod.

@@ -117,8 +117,8 @@ pub(super) fn turn_together(
                 format!(
                     "the rod's centres do not turn with the table: that at C = {c_deg}° misses their common circle most, by {miss_mm:.3} mm"
                 ),
-                "look at the overlays whether a chamfer's edge was taken for the rim (--diameter-mm may help), check x_mm, y_mm and \
-                 c_deg, or leave this angle out",
+                "check x_mm, y_mm and c_deg (degrees, of the table), see in the pictures whether a chamfer's edge was taken for the rim \
+                 (--diameter-mm may help), or leave this angle out",
             ))
         }
         _ => Ok(()),
