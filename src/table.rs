@@ -129,6 +129,30 @@ impl Table {
         Error::field(&self.path, Some(self.line(row)), format!("column '{name}'"), reason, fix)
     }
 
+    /// Directions must be -1, 0 or 1; says so where zeros look like the other direction.
+    pub fn check_directions(
+        &self,
+        name: &str,
+        values: &[f64],
+        warnings: &mut Vec<String>,
+    ) -> Result<()> {
+        let count = |d: f64| values.iter().filter(|v| **v == d).count();
+        if count(-1.0) == 0 && count(1.0) > 0 && 5 * count(0.0) > values.len() {
+            warnings.push(format!(
+                "column '{name}' has 0 and 1 and no -1: 0 means that the axis did not move; write -1 where it came down"
+            ));
+        }
+        match values.iter().position(|v| ![-1.0, 0.0, 1.0].contains(v)) {
+            None => Ok(()),
+            Some(row) => Err(self.error(
+                row,
+                name,
+                format!("is {}, not a direction", values[row]),
+                "write 1 where the axis came up to its place, -1 where it came down, 0 where it did not move",
+            )),
+        }
+    }
+
     /// The cell's text; empty where the column is missing.
     pub fn text(&self, row: usize, name: &str) -> &str {
         self.index.get(name).and_then(|&i| self.rows[row].1.get(i)).unwrap_or("")

@@ -5,7 +5,6 @@ use std::path::Path as FilePath;
 use super::decouple::Options;
 use super::model::{Bar, Point};
 use super::path::{Path, Pose};
-use crate::diagnose::data::check_direction;
 use crate::error::{Error, Result};
 use crate::repeats;
 use crate::table::Table;
@@ -45,7 +44,7 @@ impl Data {
         let mut warnings = Vec::new();
         warnings.extend(units::angles("b_deg", &table.column("b_deg")?));
         if let Some(dir) = table.optional_column("dir")? {
-            check_direction(&table, "dir", &dir, &mut warnings)?;
+            table.check_directions("dir", &dir, &mut warnings)?;
         }
         let rows = repeats::rows_once(&table, &mut warnings);
         for &row in &rows {

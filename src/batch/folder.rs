@@ -55,14 +55,12 @@ pub(super) fn claim(options: &Options, identity: &Value) -> Result<()> {
         ("job", "the job"),
     ] {
         if !same(key) {
+            // A hash says nothing to people.
+            let was = old.get(key).and_then(Value::as_str).filter(|_| key != "calib_sha256");
+            let was = was.map_or_else(String::new, |was| format!(" ({was})"));
             return Err(Error::file(
                 &options.out,
-                match (key, old.get(key).and_then(Value::as_str)) {
-                    ("version" | "input", Some(old)) => {
-                        format!("{what} is not the one this batch was begun with ({old})")
-                    }
-                    _ => format!("{what} is not the one this batch was begun with"),
-                },
+                format!("{what} is not the one this batch was begun with{was}"),
                 "go on with the same one, or start again in another --out",
             ));
         }

@@ -59,17 +59,16 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 let Who::Effect(a) = &selection.library.candidates[s.candidate].who else {
                     continue;
                 };
-                let mut deficit = own.evidence - s.evidence;
-                let here = (a.effect, a.form) == (named.effect, named.form)
-                    || (sane && absurd(fitter, a, s.coefficient));
-                if here || taken(a.effect) || s.evidence <= 0.0 {
+                let here = (a.effect, a.form) == (named.effect, named.form);
+                let too_large = sane && absurd(fitter, a, s.coefficient);
+                if here || too_large || taken(a.effect) || s.evidence <= 0.0 {
                     continue;
                 }
-                let missed = deficit - ruled_out(fitter);
-                if (0.0..BETWEEN).contains(&missed) {
+                let (mut deficit, most) = (own.evidence - s.evidence, ruled_out(fitter));
+                if (most..most + BETWEEN).contains(&deficit) {
                     deficit -= refined(fitter, selection, i, &standing, &s);
                 }
-                if deficit > ruled_out(fitter) {
+                if deficit > most {
                     continue;
                 }
                 let rival =

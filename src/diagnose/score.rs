@@ -99,7 +99,6 @@ impl Standing {
         let x = pool.project(fitter, fitted, &self.basis);
         let along = x.inner(&self.residual);
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
-        let n = fitter.space.observations().max(1) as f64;
         (0..pool.candidates.len())
             .filter_map(|index| {
                 let c = &pool.candidates[index];
@@ -108,8 +107,6 @@ impl Standing {
                     return None;
                 }
                 let dof = self.dof_of(fitter, &x, index, c).max(rank as f64 + 1.0);
-                let ln_p = self.ln_p(dof, chi2, rank as f64);
-                let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
                 let gain2 = self.likelihood_gain2(dof, chi2);
                 let evidence = match c.free {
                     true => gain_of_free(gain2, rank as f64, groups.ln()),
@@ -121,19 +118,9 @@ impl Standing {
                         whole.max(lean + 0.5 * groups.ln())
                     }
                 };
-                let evidence = evidence - c.choice;
-                let cleared = self.cleared(dof, chi2);
                 let coefficient = (c.count == 1).then(|| chi2 / along[c.first]);
-                Some(Score {
-                    candidate: index,
-                    chi2,
-                    cleared,
-                    rank,
-                    ln_p,
-                    evidence,
-                    rms_mm,
-                    coefficient,
-                })
+                let score = self.score(fitter, fitted, index, dof, (chi2, rank));
+                Some(Score { evidence: evidence - c.choice, coefficient, ..score })
             })
             .collect()
     }
@@ -150,7 +137,6 @@ impl Standing {
         let along = x.inner(&self.residual);
         let gram = x.gram();
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
-        let n = fitter.space.observations().max(1) as f64;
         let columns = |c: &Candidate| c.first..c.first + c.count;
         pairs
             .filter_map(|(i, j)| {
@@ -161,24 +147,33 @@ impl Standing {
                 let dof = self.dof_of(fitter, &x, i, a).min(self.dof_of(fitter, &x, j, b));
                 let dof = dof.max(rank as f64 + 1.0);
                 let gain = 0.5 * self.likelihood_gain2(dof, chi2) - price * groups.ln();
-                let ln_p = self.ln_p(dof, chi2, rank as f64);
-                let rms_mm = fitted.noise.sigma_mm[0] * (chi2 / n).sqrt();
-                let evidence = gain - a.choice - b.choice;
-                let cleared = self.cleared(dof, chi2);
-                let coefficient = None;
-                let score = Score {
-                    candidate: i,
-                    chi2,
-                    cleared,
-                    rank,
-                    ln_p,
-                    evidence,
-                    rms_mm,
-                    coefficient,
-                };
+                let score = self.score(fitter, fitted, i, dof, (chi2, rank));
+                let score = Score { evidence: gain - a.choice - b.choice, ..score };
                 (rank > 0).then_some((score, j))
             })
             .collect()
+    }
+
+    /// What χ² and rank alone make of a score: its evidence is still to come.
+    fn score(
+        &self,
+        fitter: &Fitter,
+        fitted: &Fitted,
+        candidate: usize,
+        dof: f64,
+        (chi2, rank): (f64, usize),
+    ) -> Score {
+        let n = fitter.space.observations().max(1) as f64;
+        Score {
+            candidate,
+            chi2,
+            cleared: self.cleared(dof, chi2),
+            rank,
+            ln_p: self.ln_p(dof, chi2, rank as f64),
+            evidence: 0.0,
+            rms_mm: fitted.noise.sigma_mm[0] * (chi2 / n).sqrt(),
+            coefficient: None,
+        }
     }
 
     /// Degrees of freedom of the noise that a candidate's columns are seen against.

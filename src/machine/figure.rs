@@ -59,7 +59,7 @@ fn side_view(s: &mut String, m: &Machine) {
     text(s, tip[0] + 8.0, tip[1] + 6.0, INK, "tool point");
     circle(s, tip, 3.0, INK, INK);
     // The B axis, and the nozzle at B = ±90°, where it points to -X.
-    let sense = f64::from(m.axes.get("B").and_then(|b| b.sense).unwrap_or(1));
+    let sense = m.b_sense();
     circle(s, B, 8.0, HEAD, "white");
     line(s, [B[0] - 5.0, B[1] - 5.0], [B[0] + 5.0, B[1] + 5.0], HEAD, 1.5, false);
     line(s, [B[0] - 5.0, B[1] + 5.0], [B[0] + 5.0, B[1] - 5.0], HEAD, 1.5, false);

@@ -299,6 +299,11 @@ impl Machine {
         Vector3::new(self.head.delta_x_mm, 0.0, -(self.head.r_mm + self.head.standoff_mm))
     }
 
+    /// Sense of B: 1 where a positive B turns the nozzle towards -X, -1 where towards +X.
+    pub fn b_sense(&self) -> f64 {
+        f64::from(self.axes.get("B").and_then(|b| b.sense).unwrap_or(1))
+    }
+
     fn axis(&self, name: AxisName, side: Side) -> Result<Axis> {
         let entry = self.axes.get(&name.to_string()).copied().unwrap_or_default();
         let direction = entry.direction.map_or_else(|| name.direction(), Vector3::from);

@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
-    ballbar, check_direction, extend_time, known_effects, need, need_head_b_table_c, sites, thermal,
+    ballbar, extend_time, known_effects, need, need_head_b_table_c, sites, thermal,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
@@ -170,7 +170,7 @@ impl ColumnsExperiment {
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
         warnings.extend(units::celsius("temp_c", data.get("temp_c")));
-        check_direction(table, "dir", data.get("dir"), warnings)?;
+        table.check_directions("dir", data.get("dir"), warnings)?;
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
         let nuisances = ballbar::prepare(&mut data, &measured, warnings);

@@ -13,7 +13,6 @@ use crate::diagnose::effects::{Library, NAMES};
 use crate::diagnose::experiment::Active;
 use crate::error::{Error, Result, nearest};
 use crate::machine::{Effect, Machine};
-use crate::table::Table;
 
 /// Numbers rows that agree in all of `columns` (to a part in a million of each column's range) alike.
 pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
@@ -52,30 +51,6 @@ pub fn extend_time(t_s: &mut Vec<f64>) {
     if let Some(last) = t_s.iter().copied().reduce(f64::max) {
         let (low, high) = crate::fit::robust::range(t_s);
         t_s.push(last + (high - low) / t_s.len() as f64);
-    }
-}
-
-/// Directions must be -1, 0 or 1; says so where zeros look like the other direction.
-pub fn check_direction(
-    table: &Table,
-    name: &str,
-    values: &[f64],
-    warnings: &mut Vec<String>,
-) -> Result<()> {
-    let count = |d: f64| values.iter().filter(|v| **v == d).count();
-    if count(-1.0) == 0 && count(1.0) > 0 && 5 * count(0.0) > values.len() {
-        warnings.push(format!(
-            "column '{name}' has 0 and 1 and no -1: 0 means that the axis did not move; write -1 where it came down"
-        ));
-    }
-    match values.iter().position(|v| ![-1.0, 0.0, 1.0].contains(v)) {
-        None => Ok(()),
-        Some(row) => Err(table.error(
-            row,
-            name,
-            format!("is {}, not a direction", values[row]),
-            "write 1 where the axis came up to its place, -1 where it came down, 0 where it did not move",
-        )),
     }
 }
 

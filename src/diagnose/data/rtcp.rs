@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{check_direction, extend_time, need, need_head_b_table_c, sites};
+use crate::diagnose::data::{extend_time, need, need_head_b_table_c, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::library;
 use crate::diagnose::effects::rtcp_pose::PoseError;
@@ -116,8 +116,8 @@ impl RtcpExperiment {
         warnings.extend(units::swept_angles("c_deg", &c_deg));
         let column = |name: &str| table.optional_column(name).map(Option::unwrap_or_default);
         let (dir_b, dir_c) = (column("dir_b")?, column("dir_c")?);
-        check_direction(table, "dir_b", &dir_b, warnings)?;
-        check_direction(table, "dir_c", &dir_c, warnings)?;
+        table.check_directions("dir_b", &dir_b, warnings)?;
+        table.check_directions("dir_c", &dir_c, warnings)?;
         if machine.target.is_none() {
             warnings.push(
                 "the machine file has no [target]: it is taken to lie on the C axis at the table's surface, \
@@ -128,7 +128,7 @@ impl RtcpExperiment {
         let geometry = Geometry {
             head: machine.head_vector(),
             centre: machine.table_point(),
-            b_sense: f64::from(machine.axes.get("B").and_then(|b| b.sense).unwrap_or(1)),
+            b_sense: machine.b_sense(),
             c_sense: f64::from(machine.c_sense),
             target: machine.target.map_or_else(Vector3::zeros, |t| t.position_mm.into()),
         };

@@ -48,13 +48,13 @@ impl Baseline {
             let Some((_, left, best)) = all.min_by(|a, b| a.0.total_cmp(&b.0)) else {
                 return Self::default();
             };
-            let slipped = slipped(&left);
-            let gone = error_mm.len() - kept.len() + slipped.iter().filter(|s| **s).count();
-            if gone == error_mm.len() - kept.len() || !few(gone, error_mm.len()) {
+            let mut slipped = slipped(&left).into_iter();
+            let mut fewer = kept.clone();
+            fewer.retain(|_| slipped.next() == Some(false));
+            if fewer.len() == kept.len() || !few(error_mm.len() - fewer.len(), error_mm.len()) {
                 return best;
             }
-            let mut slipped = slipped.into_iter();
-            kept.retain(|_| slipped.next() == Some(false));
+            kept = fewer;
         }
     }
 

@@ -5,7 +5,7 @@
 
 use std::fmt::Write;
 
-use super::{Export, Parameter, b_sense, header};
+use super::{Export, Parameter, header};
 use crate::machine::Machine;
 
 pub(super) fn export(machine: &Machine) -> Export {
@@ -22,7 +22,7 @@ pub(super) fn export(machine: &Machine) -> Export {
         Parameter::code("19682", 2.0, "B turns about Y; 1 is X, 2 Y, 3 Z").unconfirmed(),
         Parameter::code(
             "19684",
-            left_handed(b_sense(machine)),
+            left_handed(machine.b_sense()),
             "sense of B: 0 right-handed, 1 left-handed",
         ),
         Parameter::code("19686", 5.0, "controlled-axis number of C where the axes are X Y Z B C"),

@@ -5,7 +5,7 @@
 
 use std::fmt::Write;
 
-use super::{Export, Parameter, b_sense, header};
+use super::{Export, Parameter, header};
 use crate::machine::Machine;
 
 pub(super) fn export(machine: &Machine) -> Export {
@@ -46,7 +46,7 @@ pub(super) fn export(machine: &Machine) -> Export {
     let _ = writeln!(
         text,
         "; B turns {} about Y, the table turns {} about Z for a positive C: check the axes' signs in the control",
-        hand(b_sense(machine)),
+        hand(machine.b_sense()),
         hand(f64::from(machine.c_sense))
     );
     let _ = writeln!(

@@ -8,7 +8,7 @@
 
 use std::fmt::Write;
 
-use super::{Confidence, Export, Parameter, b_sense, header};
+use super::{Confidence, Export, Parameter, header};
 use crate::machine::Machine;
 
 /// Axis letter, joint number, travel, speed and acceleration (mm or degrees, per second).
@@ -26,7 +26,7 @@ const JOINTS: [(char, usize, [f64; 2], f64); 9] = [
 
 pub(super) fn export(machine: &Machine) -> Export {
     let head = machine.head;
-    let (b, c) = (b_sense(machine), f64::from(machine.c_sense));
+    let (b, c) = (machine.b_sense(), f64::from(machine.c_sense));
     let mut conventional = Parameter::code(
         "maxkins.conventional-directions",
         f64::from(u8::from(b > 0.0)),

@@ -127,11 +127,6 @@ pub fn differences(old: &Export, new: &Export) -> Vec<Difference> {
         .collect()
 }
 
-/// +1 or -1: the sense of B as the machine file gives it.
-fn b_sense(machine: &Machine) -> f64 {
-    f64::from(machine.axes.get("B").and_then(|b| b.sense).unwrap_or(1))
-}
-
 /// The lines every file begins with, without the comment sign.
 fn header(machine: &Machine, what: &str) -> Vec<String> {
     vec![

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::{Export, Parameter, b_sense, header};
+use super::{Export, Parameter, header};
 use crate::machine::Machine;
 
 pub(super) fn export(machine: &Machine) -> Export {
@@ -14,7 +14,11 @@ pub(super) fn export(machine: &Machine) -> Export {
         Parameter::mm("xc", c.x, "C axis, machine X"),
         Parameter::mm("yc", c.y, "C axis, machine Y"),
         Parameter::mm("zc", c.z, "table surface, machine Z"),
-        Parameter::code("b_sense", b_sense(machine), "1: a positive B turns the nozzle towards -X"),
+        Parameter::code(
+            "b_sense",
+            machine.b_sense(),
+            "1: a positive B turns the nozzle towards -X",
+        ),
         Parameter::code(
             "c_sense",
             f64::from(machine.c_sense),

@@ -7,7 +7,7 @@
 
 use std::fmt::Write;
 
-use super::{Export, Parameter, b_sense, header};
+use super::{Export, Parameter, header};
 use crate::machine::Machine;
 
 /// I1..I4, V1, V2: name, first index of `$TC_CARR`, machine data number and name, meaning.
@@ -28,7 +28,7 @@ pub(super) fn export(machine: &Machine) -> Export {
         [-dx, 0.0, r],
         [c.x, c.y, c.z],
         [-c.x, -c.y, -c.z],
-        [0.0, b_sense(machine), 0.0],
+        [0.0, machine.b_sense(), 0.0],
         [0.0, 0.0, -f64::from(machine.c_sense)],
     ];
     let parameter = |name: String, k: usize, i: usize, meaning: &str| {

@@ -6,7 +6,6 @@ use nalgebra::Vector2;
 
 use super::Rod;
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::check_direction;
 use crate::error::{Error, Result};
 use crate::fit::circle::{Circle, taubin};
 use crate::fit::robust::range;
@@ -59,7 +58,7 @@ impl<'a> Captures<'a> {
     fn direction(&self, name: &str, warnings: &mut Vec<String>) -> Result<Vec<f64>> {
         let column = self.column(name)?;
         if !column.is_empty() {
-            check_direction(self.table, name, &self.table.column(name)?, warnings)?;
+            self.table.check_directions(name, &self.table.column(name)?, warnings)?;
         }
         Ok(column)
     }
