@@ -13,7 +13,7 @@ use crate::frame::{Channel, Frame, Picture};
 use crate::{tomlfile, units};
 
 /// What a camera's gamma may be.
-const GAMMAS: (f64, f64) = (0.2, 5.0);
+const GAMMAS: std::ops::RangeInclusive<f64> = 0.2..=5.0;
 
 /// A camera's calibration as read from its file.
 #[derive(Debug, Clone, PartialEq)]
@@ -322,12 +322,12 @@ fn checked_gamma(
     sensor: Option<Sensor>,
 ) -> std::result::Result<f64, (&'static str, String, &'static str)> {
     let gamma = sensor.map_or(1.0, |s| s.gamma);
-    if (GAMMAS.0..=GAMMAS.1).contains(&gamma) {
+    if GAMMAS.contains(&gamma) {
         return Ok(gamma);
     }
     Err((
         "sensor.gamma",
-        format!("is {gamma}, a camera's lies between {} and {}", GAMMAS.0, GAMMAS.1),
+        format!("is {gamma}, a camera's lies between {} and {}", GAMMAS.start(), GAMMAS.end()),
         "give 2.2 for pictures made to be looked at (sRGB), leave [sensor] out where counts are light",
     ))
 }

@@ -20,8 +20,10 @@ const INK: Rgb = [232, 232, 232];
 const FAINT: Rgb = [160, 160, 160];
 /// The panel.
 const PANEL: Rgb = [24, 26, 30];
-/// Widest and narrowest overlay of a frame, px.
-const WIDTHS: (usize, usize) = (2400, 1000);
+/// Widest overlay of a frame, px.
+const WIDEST: usize = 2400;
+/// Narrowest overlay of a frame, px.
+const NARROWEST: usize = 1000;
 
 /// A line of the panel and its colour.
 #[derive(Debug, Clone)]
@@ -54,7 +56,7 @@ impl<'a> Sheet<'a> {
     /// A dimmed copy of the frame, its own range of brightness stretched; small frames enlarged, large ones reduced.
     pub fn new(frame: &Frame, view: &'a View) -> Self {
         let (reduce, enlarge) =
-            (frame.width().div_ceil(WIDTHS.0).max(1), WIDTHS.1.div_ceil(frame.width()).max(1));
+            (frame.width().div_ceil(WIDEST).max(1), NARROWEST.div_ceil(frame.width()).max(1));
         let gray: Gray<f32> = frame.reduce(reduce);
         let (width, height) = (gray.width * enlarge, gray.height * enlarge);
         let (dark, bright) = range(&gray.data);

@@ -148,11 +148,11 @@ impl Template {
     ) -> (f64, f64) {
         /// Exponential tails on Gaussian edges move their middle by as many softnesses as this times what they lean.
         const MOVES: f64 = 5.0;
-        /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, with so much more it is.
-        const FADES: (f64, f64) = (0.03, 0.03);
+        /// What goes on beyond the rim, as a part of its step: from here on it may be a tint, and from there on it is.
+        const FADES: std::ops::Range<f64> = 0.03..0.06;
         let leans = (first + last - 2.0 * middle) / (last - first).max(self.step_px);
         let beyond = if leans > 0.0 { outside } else { inside };
-        let share = ((beyond - FADES.0) / FADES.1).clamp(0.0, 1.0);
+        let share = ((beyond - FADES.start) / (FADES.end - FADES.start)).clamp(0.0, 1.0);
         let moves_px = MOVES * leans * (1.0 - lens_share(softness_px)) * softness_px;
         (moves_px * share, moves_px * (1.0 - share))
     }

@@ -23,8 +23,9 @@ const ENDS: f64 = 1.5;
 /// Softnesses either side that are looked at, and the least of that in pixels.
 const WIDE: f64 = 8.0;
 const LEAST_PX: f64 = 8.0;
-/// Softnesses from its middle between which an edge's slope fades away, and how often the profile is smoothed for it.
-const FADED: (f64, f64) = (2.0, 3.0);
+/// Softnesses from its middle between which an edge's slope fades away.
+const FADED: std::ops::Range<f64> = 2.0..3.0;
+/// How often the profile is smoothed for that.
 const SMOOTH: usize = 4;
 /// Standard deviations of the texture beyond which a block is dirt.
 const DIRT: f64 = 4.0;
@@ -120,7 +121,7 @@ impl Surface {
             let outer = ((value.profile - step.inner) / step.contrast()).clamp(0.0, 1.0);
             left[i] = window.values[i] - value.profile;
             let away = b.distance_px.abs() / step.softness_px;
-            let near = ((FADED.1 - away) / (FADED.1 - FADED.0)).clamp(0.0, 1.0);
+            let near = ((FADED.end - away) / (FADED.end - FADED.start)).clamp(0.0, 1.0);
             slope[i] = near * smooth.at(step.distance_px + b.distance_px).slope;
             sides[i] = [1.0 - outer, outer];
         }

@@ -8,8 +8,10 @@ impl Rays {
     pub(super) fn crests(&self, near: f64, far: f64) -> Vec<(f64, f64, f64)> {
         /// Of the steepest slope.
         const LEAST: f64 = 0.1;
-        /// Of a crest's height and in standard errors of the mean.
-        const CLEAR: (f64, f64) = (0.2, 4.0);
+        /// Of a crest's height.
+        const CLEAR: f64 = 0.2;
+        /// In standard errors of the mean.
+        const SURE: f64 = 4.0;
         let mean = |slopes: &[f32; RAYS]| {
             let (mut sum, mut squares, mut n) = (0.0f64, 0.0f64, 0.0f64);
             for v in slopes.iter().filter(|v| !v.is_nan()).map(|v| f64::from(*v)) {
@@ -41,7 +43,7 @@ impl Rays {
                 f64::NEG_INFINITY
             };
             let saddle = dip(&mut (0..r).rev()).max(dip(&mut (r + 1..means.len())));
-            height - saddle > (CLEAR.0 * height).max(CLEAR.1 * errors[r])
+            height - saddle > (CLEAR * height).max(SURE * errors[r])
         };
         let mut list: Vec<(f64, f64, f64)> = (1..means.len() - 1)
             .filter(inside)

@@ -1,4 +1,5 @@
-//! Does what lies within a ring repeat itself all round, as the recess of a screw, a nut or the lines of a target do? A burn does not.
+//! Does what lies within a ring repeat itself all round, as the recess of a screw, a nut, the balls of a bearing or the lines of a target
+//! do? A burn does not.
 
 use nalgebra::Vector2;
 
@@ -10,17 +11,17 @@ use crate::find::waves;
 const RAYS: usize = 96;
 const WAVES: usize = 24;
 /// How often such things repeat. Three gaps may lie evenly about a burn, and two glares on either side.
-const FOLDS: std::ops::RangeInclusive<usize> = 4..=8;
+const FOLDS: std::ops::RangeInclusive<usize> = 4..=12;
 /// Radii that are looked at, and over how many the waves are added up, as parts of the ring's.
 const WITHIN: std::ops::Range<f64> = 0.1..0.9;
 const TOGETHER: f64 = 0.05;
-/// What repeats must be so strong (rms of its waves) as a part of the ring's step ...
+/// What repeats must be so strong (rms of its waves) as a part of the ring's step.
 const STRENGTH: f64 = 0.1;
-/// ... and have such a part of the power of all waves but the first, which a light from one side makes: of random ones a quarter repeats,
-/// and a burn's gaps, glare and spot have it to six tenths at most.
+/// And have such a part of the power of all waves but the first, which a light from one side makes: of random ones a quarter repeats, and
+/// a burn's gaps, glare and spot have it to six tenths at most.
 const SHARE: f64 = 0.7;
 
-/// Whether what lies within a ring repeats itself four to eight times all round.
+/// Whether what lies within a ring repeats itself four to twelve times all round.
 pub(crate) fn is_folded(look: &Look, ring: &Candidate) -> bool {
     let radius = ring.circle.radius / look.factor as f64;
     let center = look.reduced(ring.circle.center);
@@ -78,6 +79,12 @@ mod tests {
             d.norm() * (turn - std::f64::consts::FRAC_PI_6).cos() < 60.0
         };
         assert!(folded(|d| if hexagon(d) { 30 } else { 100 }));
+        let balls = |d: Vector2<f64>| {
+            let turn = (d.y.atan2(d.x)).rem_euclid(std::f64::consts::TAU / 9.0)
+                - std::f64::consts::PI / 9.0;
+            (d.norm() * turn).hypot(d.norm() - 110.0) < 16.0
+        };
+        assert!(folded(|d| if balls(d) { 160 } else { 100 }));
         for off in [0.0, 8.0, 20.0, 50.0] {
             let spot = Vector2::new(off, 0.3 * off);
             assert!(!folded(|d| if (d - spot).norm() < 25.0 { 30 } else { 100 }), "{off}");

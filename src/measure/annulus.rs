@@ -15,7 +15,7 @@ use crate::measure::spot;
 /// A halo's step as a part of that of the ring that it surrounds, at most.
 pub(super) const HALO: f64 = 0.5;
 /// Radius of an annulus' inner edge as a part of the outer one's.
-const INNER: (f64, f64) = (0.5, 0.97);
+const INNER: std::ops::Range<f64> = 0.5..0.97;
 /// What a ring must keep to, and one that is seen all round, to this part: what is ragged all round is a burn, while of texture and of
 /// letters arcs are round.
 const RING: Limits = Limits { coverage: 0.35, form: 0.05, doubt: 0.02, in_all: 0.1 };
@@ -70,8 +70,10 @@ fn shares_center(o: &Candidate, c: &Candidate) -> bool {
         && is_as_clear(o, c)
 }
 
-/// Edges about one centre, a ring's own included, with such a part of its step: a burn's ring and spot have two each.
-const MOST_EDGES: (usize, f64) = (6, 0.3);
+/// Edges about one centre, a ring's own included: a burn's ring and spot have two each.
+const MOST_EDGES: usize = 6;
+/// What counts as such an edge has this part of the ring's step.
+const EDGE_STEP: f64 = 0.3;
 
 /// Whether a spot stands out from the bands about a ring's centre, where there are many.
 pub(super) fn beats_bands(spot: &Candidate, ring: &Candidate, all: &[Candidate]) -> bool {
@@ -85,8 +87,8 @@ pub(super) fn beats_bands(spot: &Candidate, ring: &Candidate, all: &[Candidate])
         .filter(|o| !is_itself(o))
         .map(|o| o.step.abs())
         .collect();
-    let strong = |step: &&f64| **step > MOST_EDGES.1 * ring.step.abs();
-    bands.iter().filter(strong).count() < MOST_EDGES.0 - 1
+    let strong = |step: &&f64| **step > EDGE_STEP * ring.step.abs();
+    bands.iter().filter(strong).count() < MOST_EDGES - 1
         || bands.iter().all(|step| *step < FAINTER * spot.step.abs())
 }
 
@@ -96,7 +98,8 @@ pub(super) fn is_rippled(look: &Look, ring: &Candidate, all: &[Candidate]) -> bo
     const CLEAREST: f64 = 0.75;
     const LAST: f64 = 0.15;
     /// The same beyond the ring.
-    const MOST_BEYOND: (usize, f64) = (1, 0.4);
+    const MOST_BEYOND: usize = 1;
+    const BEYOND_STEP: f64 = 0.4;
     /// Swings of the mean level beyond it, by such a part of its step: a halo has two.
     const MOST_SWINGS: usize = 4;
     const SWING: f64 = 0.6;
@@ -109,8 +112,8 @@ pub(super) fn is_rippled(look: &Look, ring: &Candidate, all: &[Candidate]) -> bo
         all.iter().filter(counts).count()
     };
     let ends = || rivals(CLEAREST, 0.0) <= 1 && rivals(LAST, 1.02 * ring.circle.radius) == 0;
-    (rivals(MOST_EDGES.1, 0.0) > MOST_EDGES.0 && !ends())
-        || rivals(MOST_BEYOND.1, 1.02 * ring.circle.radius) > MOST_BEYOND.0
+    (rivals(EDGE_STEP, 0.0) > MOST_EDGES && !ends())
+        || rivals(BEYOND_STEP, 1.02 * ring.circle.radius) > MOST_BEYOND
         || find::swings_beyond(look, ring.circle, SWING * ring.step.abs()) > MOST_SWINGS
 }
 
@@ -170,8 +173,8 @@ pub(super) fn measure(
     let mut others = edges.to_vec();
     others.push(spot);
     let is_round = |ring: &Ring| RING.allow(ring, view) && !is_polygon(ring) && !is_texture(ring);
-    let ring =
-        measure_candidate(frame, view, outer, &others).filter(is_round).ok_or(Flaw::Other)?;
+    let found = measure_candidate(frame, view, outer, &others).filter(is_round);
+    let ring = found.filter(|ring| !strayed(ring, outer, view)).ok_or(Flaw::Other)?;
     if !limits(&ring).trust(&ring) {
         return Err(Flaw::Unsure);
     }
@@ -183,18 +186,19 @@ pub(super) fn measure(
         ring::measure(frame, view, rough, search, None)
     };
     let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
-        let is_inner = (INNER.0..0.98).contains(&(inner.circle.radius / ring.circle.radius));
+        let is_inner = (INNER.start..0.98).contains(&(inner.circle.radius / ring.circle.radius));
         is_round(inner)
             && limits(inner).trust(inner)
             && is_inner
             && inner.contrast * ring.contrast < 0.0
     });
+    let is_annulus = inner.is_some();
     let ring = match inner {
         Some(inner) => concentric::join(ring, &inner, view),
         None => ring,
     };
     let ring = ring.banded(bands::strongest_beyond(outer, edges), view.pixel_mm());
-    if is_lamp(&ring) {
+    if is_lamp(&ring, is_annulus, view) {
         Err(Flaw::Lamp)
     } else if limits(&ring).trust(&ring) {
         Ok(ring)
@@ -209,7 +213,7 @@ fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
         .iter()
         .filter(|c| {
             c.step * outer.step < 0.0
-                && (INNER.0..INNER.1).contains(&(c.circle.radius / outer.circle.radius))
+                && INNER.contains(&(c.circle.radius / outer.circle.radius))
                 && c.score > 0.4 * outer.score
                 && (c.circle.center - outer.circle.center).norm()
                     < 0.02 * outer.circle.radius + c.scatter_px + outer.scatter_px
@@ -218,7 +222,21 @@ fn inner_edge(outer: &Candidate, edges: &[Candidate]) -> Option<Candidate> {
         .copied()
 }
 
-/// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips.
-fn is_lamp(ring: &Ring) -> bool {
-    ring.clipped_inside && ring.softness_px > SHARP_PX
+/// Whether another edge was followed in part than the one that was found: where light falls off there is one at any radius.
+fn strayed(ring: &Ring, outer: &Candidate, view: &View) -> bool {
+    /// Of the radius.
+    const FAR: f64 = 0.12;
+    const WHOLE: f64 = 0.85;
+    let found_mm =
+        outer.circle.radius * view.mm_per_px(outer.circle.center).determinant().abs().sqrt();
+    (ring.circle.radius / found_mm - 1.0).abs() > FAR && ring.arc_coverage < WHOLE
+}
+
+/// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips. A light
+/// annulus that is overexposed is about as sharp as burns are.
+fn is_lamp(ring: &Ring, is_annulus: bool, view: &View) -> bool {
+    /// Softness over the radius.
+    const SHARP: f64 = 0.05;
+    let softness = ring.softness_px * view.pixel_mm() / ring.circle.radius;
+    ring.clipped_inside && ring.softness_px > SHARP_PX && !(is_annulus && softness < SHARP)
 }

@@ -21,8 +21,10 @@ const NEIGHBOURS: std::ops::Range<f64> = 0.5..1.6;
 const TRIES: usize = 8;
 /// Centres about which other edges are looked for from nearby.
 const CENTERS: usize = 3;
-/// An edge beside another, told apart from nearby, is seen on so much of its circumference, with such a part of the other's step.
-const BESIDE: (f64, f64) = (0.6, 0.2);
+/// An edge beside another, told apart from nearby, is seen on so much of its circumference.
+const BESIDE_COVERAGE: f64 = 0.6;
+/// And has such a part of the other's step.
+const BESIDE_STEP: f64 = 0.2;
 /// What has a larger part of the step of an edge, beyond it, is no band of tint.
 const MOST_BAND: f64 = 0.4;
 /// Of two such edges that one is meant which is nearer to the expected radius by this part of it.
@@ -32,9 +34,9 @@ const NEARER: f64 = 0.015;
 const FAINT: f64 = 2.0;
 /// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
 const REGULAR: f64 = 0.015;
-/// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps ...
+/// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps.
 const RAGGED: f64 = 0.03;
-/// ... and above which it is no circle's, whole as it may seem.
+/// Form over radius above which an edge is no circle's, whole as it may seem.
 const MOST_RAGGED: f64 = 0.08;
 /// Share of its circumference that the edge of a poor part shows, or a faint one.
 const WHOLE: f64 = 0.85;
@@ -43,9 +45,9 @@ const WHOLE: f64 = 0.85;
 const DOUBT: f64 = 0.03;
 /// A measured step as a part of the one that was found; another is another edge's.
 const SAME_STEP: std::ops::Range<f64> = 0.3..4.0;
-/// An edge that was found so far away, in radii, is another than the one that was looked for, ...
+/// An edge that was found so far away, in radii, is another than the one that was looked for.
 const ASTRAY: f64 = 0.03;
-/// ... which is then looked for no farther than this, in softnesses, in turn.
+/// The one that was looked for is then looked for no farther than this, in softnesses, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
 
 /// Where nothing is seen, a stronger edge about the same centre may hide it: such are looked for within this share.
@@ -187,7 +189,9 @@ impl Picture<'_> {
 
     /// Clear edges about a candidate's centre, seen from nearby.
     fn beside(&self, c: &Candidate) -> Vec<Candidate> {
-        let clear = |o: &Candidate| o.coverage > BESIDE.0 && o.step.abs() > BESIDE.1 * c.step.abs();
+        let clear = |o: &Candidate| {
+            o.coverage > BESIDE_COVERAGE && o.step.abs() > BESIDE_STEP * c.step.abs()
+        };
         told_apart(self.about(c).into_iter().filter(clear).collect())
     }
 

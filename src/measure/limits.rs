@@ -4,8 +4,10 @@ use crate::camera::View;
 use crate::find::Candidate;
 use crate::measure::ring::Ring;
 
-/// So soft, as a part of its radius, the edge of what is clipped inside is a glare's: where it is broken, and where it is whole.
-pub(super) const CLIPPED_SOFT: (f64, f64) = (0.1, 0.2);
+/// From this softness on, as a part of its radius, the edge of what is clipped inside is a glare's where it is broken.
+pub(super) const SOFT_BROKEN: f64 = 0.1;
+/// The same where it is whole, to the part below.
+const SOFT_WHOLE: f64 = 0.2;
 const WHOLE: f64 = 0.95;
 
 /// What a mark must keep to: lines of texture that happen to lie about a circle do not say where it is.
@@ -30,8 +32,7 @@ impl Limits {
         let radius_mm = ring.circle.radius;
         let softness = ring.softness_px * view.pixel_mm() / radius_mm;
         let whole = ring.arc_coverage > WHOLE;
-        let glare =
-            ring.clipped_inside && softness > if whole { CLIPPED_SOFT.1 } else { CLIPPED_SOFT.0 };
+        let glare = ring.clipped_inside && softness > if whole { SOFT_WHOLE } else { SOFT_BROKEN };
         let form2 = ring.form_rms_mm.powi(2) - ring.form_from_texture_mm.powi(2);
         !glare
             && ring.arc_coverage >= self.coverage

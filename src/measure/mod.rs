@@ -5,6 +5,7 @@ mod bands;
 pub mod burn;
 pub mod circles;
 mod concentric;
+mod core;
 pub mod cross;
 pub(crate) mod expected;
 mod limits;

@@ -9,6 +9,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
+use crate::fit::tails::ln_chi2_tail;
 use crate::measure::burn::{Options, ToleranceKind};
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
@@ -170,14 +171,7 @@ pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
         tests: tests.len(),
         offset: Offset::judge(offset, covariance, f64::INFINITY, options),
         spread,
-        // χ² of an even number of degrees of freedom: its tail is a Poisson sum.
-        p_agree: (1..others)
-            .scan(1.0, |term, k| {
-                *term *= 0.5 * chi2 / k as f64;
-                Some(*term)
-            })
-            .fold(1.0, |sum, term| sum + term)
-            * (-0.5 * chi2).exp(),
+        p_agree: ln_chi2_tail(chi2, (2 * others) as f64).exp(),
     })
 }
 

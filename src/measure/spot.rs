@@ -1,5 +1,7 @@
 //! The spot of a burn test: circles inside the ring that may be it, and the one that is measured.
 
+use std::ops::Range;
+
 use nalgebra::Vector2;
 
 use crate::camera::View;
@@ -7,7 +9,7 @@ use crate::edge::wrap;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::limits::{CLIPPED_SOFT, Limits, glow, is_steady};
+use crate::measure::limits::{Limits, SOFT_BROKEN, glow, is_steady};
 use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
@@ -17,9 +19,9 @@ pub(super) struct Place {
     /// Farthest from the ring's centre.
     reach: f64,
     /// Radii of circles that are looked for.
-    radii: (f64, f64),
+    radii: Range<f64>,
     /// Radii of spots as measured: beyond is the inner edge of an annulus, or a ripple.
-    measured: (f64, f64),
+    measured: Range<f64>,
     /// Whether it takes a nearer look than the whole picture's.
     pub(super) near: bool,
 }
@@ -27,23 +29,29 @@ pub(super) struct Place {
 /// Places in turn: where there is no spot, one is looked for farther out, as on an annulus' inner edge, a large one, a tiny one in
 /// the middle, and at last one anywhere.
 pub(super) const PLACES: [Place; 5] = [
-    Place { reach: 0.7, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
-    Place { reach: 0.9, radii: (0.05, 0.45), measured: (0.0, 0.36), near: false },
-    Place { reach: 0.5, radii: (0.3, 0.75), measured: (0.3, 0.7), near: false },
-    Place { reach: 0.3, radii: (0.02, 0.07), measured: (0.0, 0.1), near: true },
-    Place { reach: 0.9, radii: (0.03, 0.1), measured: (0.0, 0.13), near: true },
+    Place { reach: 0.7, radii: 0.05..0.45, measured: 0.0..0.36, near: false },
+    Place { reach: 0.9, radii: 0.05..0.45, measured: 0.0..0.36, near: false },
+    Place { reach: 0.5, radii: 0.3..0.75, measured: 0.3..0.7, near: false },
+    Place { reach: 0.3, radii: 0.02..0.07, measured: 0.0..0.1, near: true },
+    Place { reach: 0.9, radii: 0.03..0.1, measured: 0.0..0.13, near: true },
 ];
-/// A large one is as sharp as the ring, to a pixel, as the ring's own zones are softer, and burnt as the ring is: its softness and its
-/// step as parts of the ring's.
-const LARGE: (f64, f64) = (1.1, 0.25);
+/// A large one is as sharp as the ring, to a pixel, as the ring's own zones are softer: its softness as a part of the ring's, at most.
+const LARGE_SOFT: f64 = 1.1;
+/// And burnt as the ring is: its step as a part of the ring's, at least.
+const LARGE_STEP: f64 = 0.25;
 /// Far out, large or tiny it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
 pub(super) const WHOLE: f64 = 0.9;
-/// Radius from which a circle of the other sense may be the annulus' inner edge, and how far off the ring's centre, in the ring's radii.
-const OWN: (f64, f64) = (0.3, 0.03);
-/// So small and so far off the ring's centre, in the ring's radii, what is round may be spatter or dirt, unless its step is such a part of
-/// the ring's, and there is no other.
-const DOT: (f64, f64) = (0.1, 0.3);
+/// Radius from which a circle of the other sense may be the annulus' inner edge, in the ring's radii.
+const OWN_RADIUS: f64 = 0.3;
+/// How far off the ring's centre that may be, in the ring's radii.
+const OWN_OFF: f64 = 0.03;
+/// Up to this radius, and from the distance below off the ring's centre on (in the ring's radii), what is round may be spatter or dirt.
+const DOT_RADIUS: f64 = 0.1;
+const DOT_OFF: f64 = 0.3;
+/// But not where it is whole and its step is such a part of the ring's, and there is no other.
 const DOT_STEP: f64 = 0.5;
+/// Nor where nothing else in the ring is seen so clearly (score as a part of its own).
+const NEXT_CLEAREST: f64 = 0.55;
 /// A spot's step as a part of the ring's: a glow about the ring is fainter.
 const LEAST_STEP: f64 = 0.05;
 /// Where the spot lies on the ring's edge its own is followed over two grounds, and is twice as uncertain.
@@ -62,21 +70,22 @@ const FAINT: f64 = 0.15;
 const CLEAR: f64 = 2.5;
 /// Score of what may stand for a spot that cannot be measured, as a part of that spot's.
 const AS_CLEAR: f64 = 0.2;
-/// What such a look must keep of the circle that was found: how far off its centre may be, in radii, and its radius.
-const SAME: (f64, f64, f64) = (0.3, 0.75, 1.35);
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
 const NEARBY: [f64; 2] = [4.0, 2.5];
+/// Such a look must keep the circle that was found: how far off its centre may be, in radii, and the radius in the found one.
+const SAME_CENTER: f64 = 0.3;
+const SAME_RADIUS: Range<f64> = 0.75..1.35;
 /// What a spot must keep to, and one that is seen in part or faint.
 const SPOT: Limits = Limits { coverage: 0.5, form: 0.1, doubt: 0.15, in_all: 0.15 };
 const PART: Limits = Limits { doubt: 0.02, ..SPOT };
 /// One that is whole and so clear (contrast over noise, texture included) may be rather oval or ragged.
 const CLEARLY: f64 = 5.0;
 const OVAL: Limits = Limits { form: 0.15, ..SPOT };
-/// Of ring and spot one at least is seen to this part, the ring if the spot is large or tiny, but for a clear dot so near to its middle, in
-/// the ring's radii, unless ...
+/// Of ring and spot one at least is seen to this part, the ring if the spot is large or tiny.
 pub(super) const PARTLY: f64 = 0.8;
+/// But for a clear dot so near to the ring's middle, in its radii.
 const MIDDLE: f64 = 0.15;
-/// ... so much of what is not seen of the spot, most of it, looks out on a gap of the ring: it hides both.
+/// A gap that hides both: at least this share of what is not seen of the spot looks out on a gap of the ring.
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
 const GAP_RAD: f64 = 0.15;
@@ -86,7 +95,7 @@ impl Place {
     pub(super) fn look_near(&self, frame: &Frame, outer: &Candidate) -> Option<Look> {
         /// A spot's surroundings, in its largest radii.
         const AROUND: f64 = 3.0;
-        let reach_px = (self.reach + AROUND * self.radii.1) * outer.circle.radius;
+        let reach_px = (self.reach + AROUND * self.radii.end) * outer.circle.radius;
         self.near.then(|| find::look_near(frame, outer.circle.center, reach_px)).flatten()
     }
 }
@@ -99,7 +108,7 @@ pub(super) fn candidates(
     place: &Place,
 ) -> Vec<Candidate> {
     let ring = outer.circle;
-    let (least, most) = place.radii;
+    let (least, most) = (place.radii.start, place.radii.end);
     let most_radius_px = most * ring.radius;
     let is_rings_own = |c: &Candidate| {
         let slack_px = c.scatter_px + outer.scatter_px;
@@ -131,17 +140,21 @@ pub(super) fn candidates(
         strength / toward_center / glow(c, GLARE)
     };
     // A dot that small, away from where the spot should be, is believed to be it only where it is burnt and alone.
-    let is_dot = |c: &Candidate| c.circle.radius < DOT.0 * ring.radius && off(c) > DOT.1;
+    let is_dot = |c: &Candidate| c.circle.radius < DOT_RADIUS * ring.radius && off(c) > DOT_OFF;
     let dots: Vec<Candidate> = inside.iter().filter(|c| is_dot(c)).copied().collect();
     let spatter = |c: &Candidate| {
-        let burnt = c.coverage > WHOLE && c.step.abs() > DOT_STEP * outer.step.abs();
-        is_dot(c) && !(burnt && dots.iter().all(|o| !is_like(o, c, &DOTS)))
+        let burnt = c.step.abs() > DOT_STEP * outer.step.abs()
+            && dots.iter().all(|o| !is_like(o, c, &DOTS));
+        let beside = |o: &&Candidate| is_steady(o) && is_beside(o, c);
+        let next = inside.iter().filter(beside).map(|o| o.score).fold(0.0, f64::max);
+        is_dot(c) && !(c.coverage > WHOLE && (burnt || next < NEXT_CLEAREST * c.score))
     };
     let is_usual = |c: &Candidate| {
-        off(c) <= PLACES[0].reach && c.circle.radius <= PLACES[0].radii.1 * ring.radius
+        off(c) <= PLACES[0].reach && c.circle.radius <= PLACES[0].radii.end * ring.radius
     };
     let mut spots: Vec<Candidate> = inside
-        .into_iter()
+        .iter()
+        .copied()
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
@@ -168,10 +181,15 @@ struct Alike {
 const SPOTS: Alike = Alike { score: 0.6, size: 0.75, step: 0.6, either: false };
 const DOTS: Alike = Alike { score: 0.35, size: 0.5, step: 0.4, either: true };
 
+/// Whether two circles lie beside each other.
+fn is_beside(other: &Candidate, c: &Candidate) -> bool {
+    (other.circle.center - c.circle.center).norm() > c.circle.radius + other.circle.radius
+}
+
 /// Whether a circle beside another is like it.
 fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
     let within = |ratio: f64, least: f64| (least..1.0 / least).contains(&ratio);
-    (other.circle.center - c.circle.center).norm() > c.circle.radius + other.circle.radius
+    is_beside(other, c)
         && other.score > alike.score * c.score
         && within(other.circle.radius / c.circle.radius, alike.size)
         && (alike.either || other.step * c.step > 0.0)
@@ -202,8 +220,8 @@ pub(super) fn clear_px(large: &Circle, small: &Circle, softness_px: f64) -> f64 
 /// Whether a circle of the other sense may be the inner edge of the ring's own annulus: as large as a large spot, but it shares the ring's
 /// centre.
 fn may_end(inner: &Circle, ring: &Circle, slack: f64) -> bool {
-    inner.radius > OWN.0 * ring.radius
-        && (inner.center - ring.center).norm() < OWN.1 * ring.radius + slack
+    inner.radius > OWN_RADIUS * ring.radius
+        && (inner.center - ring.center).norm() < OWN_OFF * ring.radius + slack
 }
 
 /// Whether two circles' outlines meet, or come as close as `reach_px`.
@@ -230,14 +248,15 @@ impl Inside<'_> {
     ) -> Option<Ring> {
         let mut clear = clear.peekable();
         let likeliest = clear.peek().copied();
-        clear
+        let found = clear
             .filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer)))
             .enumerate()
             .find_map(|(nth, s)| {
                 // What is likeliest is not left for what is easier to measure.
                 let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
                 self.measure(s).or_else(nearby)
-            })
+            })?;
+        Some(self.core(&found).unwrap_or(found))
     }
 
     /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.
@@ -262,8 +281,8 @@ impl Inside<'_> {
             if self.is_glare(&found) {
                 return None;
             }
-            let same = (found.circle.center - rough.center).norm() < SAME.0 * rough.radius
-                && (SAME.1..SAME.2).contains(&(found.circle.radius / rough.radius));
+            let same = (found.circle.center - rough.center).norm() < SAME_CENTER * rough.radius
+                && SAME_RADIUS.contains(&(found.circle.radius / rough.radius));
             if same && self.is_spot(&found, rough) {
                 return Some(found);
             }
@@ -306,20 +325,20 @@ impl Inside<'_> {
     /// Whether a large circle is whole, sharp and burnt enough for a spot.
     fn is_clearly_burnt(&self, found: &Ring) -> bool {
         found.arc_coverage > WHOLE
-            && found.softness_px < LARGE.0 * self.ring.softness_px + 1.0
-            && found.contrast / self.ring.contrast > LARGE.1
+            && found.softness_px < LARGE_SOFT * self.ring.softness_px + 1.0
+            && found.contrast / self.ring.contrast > LARGE_STEP
     }
 
     /// Whether what lies far out is light that the plate throws back.
     fn is_glare(&self, found: &Ring) -> bool {
         let ring = self.ring.circle;
         let is_far = (found.circle.center - ring.center).norm() > BUMP_FAR * ring.radius;
-        let least = if found.clipped_inside { CLIPPED_SOFT.0 } else { BUMP_SOFT };
+        let least = if found.clipped_inside { SOFT_BROKEN } else { BUMP_SOFT };
         let softness = found.softness_px * self.view.pixel_mm() / found.circle.radius;
         found.contrast < 0.0 && is_far && softness > least
     }
 
-    fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
+    pub(super) fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
@@ -337,15 +356,15 @@ impl Inside<'_> {
             (false, false) => &SPOT,
         };
         limits.are_kept(found, self.view)
-            && (self.place.measured.0..self.place.measured.1).contains(&size)
+            && self.place.measured.contains(&size)
             && apart < 1.0
             && !(is_faint && found.arc_coverage < WHOLE)
             && !self.is_glare(found)
-            && (size < PLACES[0].measured.1 || self.is_clearly_burnt(found))
+            && (size < PLACES[0].measured.end || self.is_clearly_burnt(found))
             && !is_rings_own
             && (self.ring.arc_coverage >= PARTLY
                 || !(in_part
-                    || size > PLACES[0].measured.1
+                    || size > PLACES[0].measured.end
                     || self.place.near && !(clear && apart < MIDDLE)))
             && !is_polygon(found)
             && !strayed(found, rough)
