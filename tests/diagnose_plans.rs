@@ -200,3 +200,39 @@ fn a_b_that_counts_the_other_way_has_the_same_names() {
     let told = effects.iter().any(|e| e.to_string().contains("pivot-offset-x"));
     assert!(told && effects.len() == 2, "{effects:?}");
 }
+
+/// A screw's error is seldom a pure wave: its second is its own, and a second run on the written model finds nothing.
+#[test]
+fn a_screw_with_a_second_wave_is_named_once() {
+    let machine = "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 400.0\n";
+    let cycle = |amplitude_mm: f64, pitch_mm: f64| {
+        format!(
+            "[[effects]]\nname = \"cyclic-z\"\nparameters = {{ cos_mm = 0.0, sin_mm = {amplitude_mm}, pitch_mm = {pitch_mm} }}\n"
+        )
+    };
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| -> String { folder.path().join(name).to_str().unwrap().into() };
+    let [real, plan, data, found] = ["real.toml", "plan.csv", "data.csv", "found.toml"].map(path);
+    let run = |arguments: &[&str]| {
+        let output = assert_cmd::Command::cargo_bin("pivotsight").unwrap().args(arguments).output();
+        let output = output.unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    };
+    std::fs::write(&real, format!("{machine}{}{}", cycle(0.001, 10.0), cycle(0.0003, 5.0)))
+        .unwrap();
+    run(&["ballbar", "plan", "--steps", "300", "--format", "csv", "--out", &plan]);
+    let noise = ["--noise-mm", "0.0005", "--seed", "3", "--format", "csv", "--out", &data];
+    run(&[&["simulate", "ballbar", "--model", &real, "--data", &plan][..], &noise].concat());
+    let csv = std::fs::read_to_string(&data).unwrap();
+    let (report, _) =
+        diagnose("ballbar", &csv, Some(("--model", machine)), &["--write-model", &found]);
+    let effects = report["effects"].as_array().unwrap();
+    assert_eq!((effects.len(), &effects[0]["name"]), (1, &"cyclic-z".into()), "{report}");
+    let parameters = &effects[0]["parameters"];
+    let second =
+        parameters["cos2_mm"].as_f64().unwrap().hypot(parameters["sin2_mm"].as_f64().unwrap());
+    assert!((second - 0.0003).abs() < 0.00015, "{parameters}");
+    let written = std::fs::read_to_string(&found).unwrap();
+    let (report, _) = diagnose("ballbar", &csv, Some(("--model", &written)), &[]);
+    assert_eq!(report["verdict"], "consistent", "{}", report["effects"]);
+}

@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::Fitter;
+use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, remove, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::score::{Score, Standing};
@@ -20,6 +21,9 @@ const ABSURD: f64 = 50.0;
 
 /// What is ruled out on the grid of its lags by no more than this may not be between them, nats.
 const BETWEEN: f64 = 4.0;
+
+/// Two names instead of one are as likely if they are less so by no more, nats.
+const LESS_LIKELY: f64 = 1.0;
 
 /// A name that fits as well.
 #[derive(Debug, Clone)]
@@ -83,6 +87,25 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
             best
         })
         .collect()
+}
+
+/// Two other names that together explain a named effect as well, with no more coefficients: one name for what may be two is not the
+/// plainer answer then.
+pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<[usize; 2]> {
+    let f = &selection.fitted;
+    let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
+    let own = own.filter(|own| own.rank >= 2)?;
+    let free = |effect: usize| !f.model.active.iter().any(|a| a.effect == effect);
+    let pairs = best_pairs(fitter, f, &standing, &selection.library, &free, &|_| false);
+    let as_good = |pair: &Score| pair.rank <= own.rank && pair.evidence >= own.evidence;
+    let (_, pair) = pairs.into_iter().find(|(pair, _)| as_good(pair))?;
+    let rest = remove(&f.model, Part::Effect(i));
+    let model = pair.iter().fold(rest, |model, who| add(fitter, &model, who));
+    let other = fitter.fit(model, Some(&f.noise));
+    let two = &other.model.active[other.model.active.len() - 2..];
+    let as_likely = fitter.ln_likelihood(&other) > fitter.ln_likelihood(f) - LESS_LIKELY;
+    let sane = two.iter().all(|a| !absurd(fitter, a, None));
+    (as_likely && sane).then(|| [two[0].effect, two[1].effect])
 }
 
 /// What a form's lag or place, found between those of the grid, gains over its score on the grid in place of the effect `i`, nats.

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::diagnose::classes::pair_instead;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
@@ -36,6 +37,13 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
         })
         .collect();
     let within = doubts.is_empty();
+    doubts.extend((0..model.active.len()).filter_map(|i| {
+        let [one, other] = pair_instead(fitter, s, i)?.map(|e| effects[e].name.clone());
+        let name = &effects[model.active[i].effect].name;
+        Some(format!(
+            "{one} and {other} together explain as much as {name}, with no more parameters"
+        ))
+    }));
     let layout = fitter.experiment.layout();
     doubts.extend(copies(layout).map(|count| {
         format!("all {count} repeated captures are the same to the last digit: copies tell nothing of the noise")

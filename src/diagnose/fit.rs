@@ -209,26 +209,29 @@ impl Fitter<'_> {
 
     /// Exact joint fit with the noise re-estimated; `noise` is where the search starts.
     pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
-        let mut model = model;
-        let mut noise = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
-        for round in 0..2 {
-            model = self.minimise(model, &noise, if round == 0 { 12 } else { 4 });
-            let (residual, tangent) = self.linearise(&model);
-            let split_tangent = self.space.split(&tangent);
-            let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
-            noise = self.space.estimate(
-                &split_tangent,
-                &self.space.split(&column),
-                self.given_mm,
-                Some(&noise),
-            );
-            if round == 1 || noise.ratios.is_empty() {
-                // Without shared parts the weights do not depend on the noise: one round is enough.
-                return self.finish(model, residual, tangent, noise);
-            }
-        }
-        let (residual, tangent) = self.linearise(&model);
+        let start = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
+        let (model, residual, tangent, noise) = self.fit_once(model, &start, 12);
+        // Without shared parts the weights do not depend on the noise: once is enough.
+        let (model, residual, tangent, noise) = match noise.ratios.is_empty() {
+            true => (model, residual, tangent, noise),
+            false => self.fit_once(model, &noise, 4),
+        };
         self.finish(model, residual, tangent, noise)
+    }
+
+    /// The model fitted with this noise, its residual and tangent, and the noise that they show.
+    fn fit_once(
+        &self,
+        model: Model,
+        noise: &Noise,
+        steps: usize,
+    ) -> (Model, Vec<f64>, DMatrix<f64>, Noise) {
+        let model = self.minimise(model, noise, steps);
+        let (residual, tangent) = self.linearise(&model);
+        let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
+        let [tangents, column] = [&tangent, &column].map(|c| self.space.split(c));
+        let seen = self.space.estimate(&tangents, &column, self.given_mm, Some(noise));
+        (model, residual, tangent, seen)
     }
 
     /// ln likelihood of a fitted model with its noise, but for a constant.

@@ -59,6 +59,8 @@ const WAVES: std::ops::RangeInclusive<u32> = 2..=12;
 const VALUES_TO_A_CYCLE: f64 = 4.0;
 /// Highest order in either variable of a product.
 const PRODUCT_ORDER: u32 = 3;
+/// Products of orders that add up to no more than one above that.
+const PRODUCTS: f64 = 6.0;
 /// Highest polynomial degree tried.
 pub(super) const DEGREES: u32 = 4;
 
@@ -384,6 +386,17 @@ impl Shape {
     /// Whether a constant goes with it: what comes as one whole of cycles, or changes sign with another variable, needs none.
     pub fn has_constant(self) -> bool {
         !matches!(self, Self::Harmonic(_) | Self::Product(..))
+    }
+
+    /// How many of its kind the variables offer: one each, or for every pair of them, and a product of any orders.
+    pub(super) fn among(self, variables: usize) -> f64 {
+        let one = variables as f64;
+        let pairs = 0.5 * one * (one - 1.0);
+        match self {
+            Self::Surface(_) => pairs,
+            Self::Product(..) => pairs * PRODUCTS,
+            _ => one,
+        }
     }
 
     /// Numbers chosen from a grid besides the coefficients.

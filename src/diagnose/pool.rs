@@ -50,8 +50,8 @@ pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
         Who::Extra(Extra::Generic(term)) => {
             let layout = fitter.experiment.layout();
             let is_part = layout.directions[term.direction].is_part;
-            let alike = layout.directions.iter().filter(|d| d.is_part == is_part).count();
-            ((alike * layout.variables.len()) as f64).ln()
+            let alike = layout.directions.iter().filter(|d| d.is_part == is_part).count() as f64;
+            alike.ln() + term.shape.among(layout.variables.len()).ln()
         }
         Who::Extra(Extra::Form { .. }) => 0.0,
     }

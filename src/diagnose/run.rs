@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
-use crate::diagnose::classes::{by_name, rivals, stand_ins};
+use crate::diagnose::classes::{by_name, pair_instead, rivals, stand_ins};
 use crate::diagnose::doubts;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
@@ -234,6 +234,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
     let gap = beside(&s.baseline.residual);
     let gap2 = gap.norm_squared().max(1e-300);
     let effects = fitter.experiment.effects();
+    let in_two = |i: usize| pair_instead(fitter, s, i).into_iter().flatten();
     let mut named: Vec<NamedEffect> = f
         .model
         .active
@@ -261,7 +262,9 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
                 name: info.name.to_string(),
                 meaning: info.meaning.to_string(),
                 confusable_with: by_name(&classes[i])
-                    .map(|r| effects[r.effect].name.to_string())
+                    .map(|r| r.effect)
+                    .chain(in_two(i).filter(|e| by_name(&classes[i]).all(|r| r.effect != *e)))
+                    .map(|effect| effects[effect].name.to_string())
                     .collect(),
                 parameters,
                 parameters_u95: sizes_u95[i].clone(),
@@ -289,12 +292,14 @@ fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
             let width = (high - low) / BINS as f64;
             for b in 0..BINS {
                 let (from, to) = (low + width * b as f64, low + width * (b + 1) as f64);
-                let (mut sum, mut weight) = (0.0, 0.0);
+                let (mut sum, mut in_noise, mut weight) = (0.0, 0.0, 0.0);
                 for i in 0..f.residual.len() {
                     let last = b + 1 == BINS && v.values[i] == high;
                     if fitter.space.kept(i) && v.values[i] >= from && (v.values[i] < to || last) {
                         let share = d.factors[i] * d.factors[i];
+                        let noise = f.noise.sigma_mm[layout.classes[i]].max(1e-12);
                         sum += share * f.residual[i].powi(2);
+                        in_noise += share * (f.residual[i] / noise).powi(2);
                         weight += share;
                     }
                 }
@@ -302,7 +307,7 @@ fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
                     continue;
                 }
                 let rms_mm = (sum / weight).sqrt();
-                let excess = rms_mm / f.noise.sigma_mm[0].max(1e-12);
+                let excess = (in_noise / weight).sqrt();
                 found.push((
                     excess * weight.sqrt().min(5.0),
                     Where { output: d.name.to_string(), versus: v.name.into(), from, to, rms_mm },

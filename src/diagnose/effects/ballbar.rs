@@ -5,7 +5,9 @@ use nalgebra::{Rotation3, Vector3};
 use crate::diagnose::data::ballbar::turned;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
-use crate::diagnose::effects::{Library, Words, lagged, risen, words};
+use crate::diagnose::effects::{
+    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, lagged, risen, words,
+};
 use crate::diagnose::experiment::Parameter;
 use crate::fit::robust::range;
 
@@ -215,18 +217,13 @@ fn slide(l: &mut L, data: &Columns) {
         ),
         data.needs(&["z_mm"]),
     );
-    let pitch = Parameter::shape(
-        "pitch_mm",
-        &[2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0],
-    );
-    term(
-        l,
-        vec![Parameter::linear("cos_mm", 1e-3), Parameter::linear("sin_mm", 1e-3), pitch],
-        |data, p, row| {
-            let (s, c) = (std::f64::consts::TAU * data.get("z_mm")[row] / p[2]).sin_cos();
-            Vector3::new(0.0, 0.0, p[0] * c + p[1] * s)
-        },
-    );
+    let pitches = [2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0];
+    l.beforehand(PURE_WAVE);
+    for waves in 1..=CYCLE_WAVES {
+        term(l, cycle(waves, 1e-3, &pitches), |data, p, row| {
+            Vector3::new(0.0, 0.0, cycle_mm(p, data.get("z_mm")[row], f64::INFINITY))
+        });
+    }
 }
 
 fn servo(l: &mut L, data: &Columns) {
@@ -240,10 +237,46 @@ fn servo(l: &mut L, data: &Columns) {
         data.needs(&["dir"]),
     );
     term(l, one("lead_deg", 0.01), |data, p, row| {
-        // A time by which B leads: with B at constant speed, Z's lag is its slope (mm per rad) times the lead.
-        let lag_mm = p[0].to_radians() * slope_mm(data, row);
-        Vector3::new(0.0, 0.0, data.get("dir")[row] * lag_mm)
+        // With B at constant speed, what Z runs ahead is its slope (mm per rad) times the angle that B goes in that time.
+        let ahead_mm = p[0].to_radians() * slope_mm(data, row);
+        Vector3::new(0.0, 0.0, data.get("dir")[row] * ahead_mm)
     });
+    if data.needs(&["t_s"]).is_some() {
+        return;
+    }
+    // At several speeds the axes are apart by a time, not by an angle.
+    l.form(one("lead_s", 5e-3), |data, p, errors| {
+        for (row, (e, speed_rad_s)) in errors.iter_mut().zip(speeds_rad_s(data)).enumerate() {
+            e.z += p[0] * speed_rad_s * slope_mm(data, row);
+        }
+    });
+}
+
+/// How fast B moves in every row, from its nearest neighbour in time that goes the same way.
+fn speeds_rad_s(data: &Columns) -> Vec<f64> {
+    let (b_deg, t_s, dir) = (data.get("b_deg"), data.get("t_s"), data.get("dir"));
+    let mut speeds = vec![0.0; data.series.len()];
+    if t_s.len() < speeds.len() {
+        return speeds;
+    }
+    for series in 0..data.series_names.len() {
+        let mut rows = data.rows_of(series);
+        rows.sort_by(|a, b| t_s[*a].total_cmp(&t_s[*b]));
+        let mut nearest_s = vec![f64::INFINITY; speeds.len()];
+        for pair in rows.windows(2).map(|w| [w[0], w[1]]) {
+            let [before, after] = pair;
+            let step_s = t_s[after] - t_s[before];
+            if step_s > 0.0 && dir[before] == dir[after] {
+                for row in pair {
+                    if step_s < nearest_s[row] {
+                        nearest_s[row] = step_s;
+                        speeds[row] = (b_deg[after] - b_deg[before]).to_radians() / step_s;
+                    }
+                }
+            }
+        }
+    }
+    speeds
 }
 
 /// The head's growth, with temperature where that was recorded, otherwise as time goes by.

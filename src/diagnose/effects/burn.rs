@@ -26,6 +26,29 @@ fn along(
     });
 }
 
+/// As [`along`], with a function that has a parameter of its form, and the values at which that is tried.
+fn bent(
+    l: &mut L,
+    names: [&'static str; 2],
+    axes: &'static [usize],
+    (shape, grid): (&'static str, &[f64]),
+    f: impl Fn(&Columns, usize, f64) -> f64 + Send + Sync + 'static,
+) {
+    let linear = axes.iter().map(|a| Parameter::linear(names[*a], 0.01));
+    let parameters = linear.chain([Parameter::shape(shape, grid)]).collect();
+    l.form(parameters, move |data, p, errors| {
+        for (row, e) in errors.iter_mut().enumerate() {
+            let size = f(data, row, p[axes.len()]);
+            axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
+        }
+    });
+}
+
+/// Height of the ring's burn over the spot's, m.
+fn height_m(data: &Columns, row: usize) -> f64 {
+    1e-3 * data.get("height_mm")[row]
+}
+
 /// Captures that show what depends on the height.
 const HEIGHTS: &str = "heights from the least to the greatest at one power";
 
@@ -141,27 +164,32 @@ fn drift(l: &mut L, data: &Columns) {
         ),
         data.needs(&["t_s"]),
     );
-    for axes in ALL {
-        along(l, ["x_mm_per_h", "y_mm_per_h"], 0.01, axes, move |data, row| {
-            (data.get("t_s")[row] - start) / 3600.0
-        });
-    }
+    let from_start = move |data: &Columns, row: usize| (data.get("t_s")[row] - start) / 3600.0;
     let middle_s = 0.5 * (start + end);
-    for axes in ALL {
-        let names = ["x_from_middle_mm_per_h", "y_from_middle_mm_per_h"];
-        along(l, names, 0.01, axes, move |data, row| (data.get("t_s")[row] - middle_s) / 3600.0);
-    }
+    let from_middle = move |data: &Columns, row: usize| (data.get("t_s")[row] - middle_s) / 3600.0;
     let rises: Vec<f64> = [0.1, 0.25, 0.6].iter().map(|f| f * (end - start)).collect();
     for axes in ALL {
-        let mut parameters: Vec<Parameter> =
-            axes.iter().map(|a| Parameter::linear(["x_mm", "y_mm"][*a], 0.01)).collect();
-        parameters.push(Parameter::shape("rise_s", &rises));
-        l.form(parameters, move |data, p, errors| {
-            for (e, t) in errors.iter_mut().zip(data.get("t_s")) {
-                let size = risen(t - start, p[axes.len()]);
-                axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
-            }
+        along(l, ["x_mm_per_h", "y_mm_per_h"], 0.01, axes, from_start);
+        let names = ["x_from_middle_mm_per_h", "y_from_middle_mm_per_h"];
+        along(l, names, 0.01, axes, from_middle);
+        bent(l, ["x_mm", "y_mm"], axes, ("rise_s", &rises), move |data, row, rise_s| {
+            risen(data.get("t_s")[row] - start, rise_s)
         });
+        // The same as an angle of the beam.
+        along(l, ["x_mm_per_h_m", "y_mm_per_h_m"], 0.1, axes, move |data, row| {
+            from_start(data, row) * height_m(data, row)
+        });
+        let names = ["x_from_middle_mm_per_h_m", "y_from_middle_mm_per_h_m"];
+        along(l, names, 0.1, axes, move |data, row| from_middle(data, row) * height_m(data, row));
+        bent(
+            l,
+            ["x_mm_per_m", "y_mm_per_m"],
+            axes,
+            ("rise_s", &rises),
+            move |data, row, rise_s| {
+                risen(data.get("t_s")[row] - start, rise_s) * height_m(data, row)
+            },
+        );
     }
 }
 
@@ -194,7 +222,18 @@ fn power(l: &mut L, data: &Columns) {
     }
     for axes in ALL {
         along(l, ["x_mm_per_kw_m", "y_mm_per_kw_m"], 0.1, axes, |data, row| {
-            data.get("power_w")[row] / 1000.0 * data.get("height_mm")[row] / 1000.0
+            data.get("power_w")[row] / 1000.0 * height_m(data, row)
+        });
+    }
+    // What grows faster or slower than the power.
+    let exponent = ("exponent", &[0.5, 1.5, 2.0][..]);
+    let risen = |data: &Columns, row: usize, exponent: f64| {
+        (data.get("power_w")[row] / 1000.0).max(0.0).powf(exponent)
+    };
+    for axes in ALL {
+        bent(l, ["x_mm_at_kw", "y_mm_at_kw"], axes, exponent, risen);
+        bent(l, ["x_mm_per_m_at_kw", "y_mm_per_m_at_kw"], axes, exponent, move |data, row, e| {
+            risen(data, row, e) * height_m(data, row)
         });
     }
 }
@@ -215,16 +254,11 @@ fn camera(l: &mut L, data: &Columns) {
             1e-3 * data.get("height_mm")[row].powi(2)
         });
     }
+    // The ring has a size of its own where the beam is narrowest.
+    let zeros = ("ring_zero_mm", &[5.0, 12.0, 25.0, 50.0][..]);
     for axes in ALL {
-        let mut parameters: Vec<Parameter> =
-            axes.iter().map(|a| Parameter::linear(["x_per_m", "y_per_m"][*a], 0.01)).collect();
-        parameters.push(Parameter::shape("ring_zero_mm", &[5.0, 12.0, 25.0, 50.0]));
-        // The ring has a size of its own where the beam is narrowest.
-        l.form(parameters, move |data, p, errors| {
-            for (e, h) in errors.iter_mut().zip(data.get("height_mm")) {
-                let size = 1e-3 * (h + p[axes.len()]).powi(2);
-                axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
-            }
+        bent(l, ["x_per_m", "y_per_m"], axes, zeros, |data, row, zero_mm| {
+            1e-3 * (data.get("height_mm")[row] + zero_mm).powi(2)
         });
     }
 }

@@ -111,6 +111,29 @@ fn words(
     Words { name, meaning, evidence, best, varies_with: &[] }
 }
 
+/// Waves in a turn of a screw: its error is seldom a pure one.
+const CYCLE_WAVES: usize = 2;
+/// What a cycle gets back of the price of having several forms, nats: its further wave pays by its parameters.
+const PURE_WAVE: f64 = std::f64::consts::LN_2;
+
+/// Parameters of an error that repeats with every turn of a screw.
+fn cycle(waves: usize, typical_mm: f64, pitches_mm: &[f64]) -> Vec<Parameter> {
+    let names = ["cos_mm", "sin_mm", "cos2_mm", "sin2_mm"];
+    let linear = names[..2 * waves].iter().map(|name| Parameter::linear(*name, typical_mm));
+    linear.chain([Parameter::shape("pitch_mm", pitches_mm)]).collect()
+}
+
+/// The error with such parameters at a place along the axis, mm. A pitch longer than `longest_mm` is not seen as a cycle.
+fn cycle_mm(p: &[f64], place_mm: f64, longest_mm: f64) -> f64 {
+    let (pitch_mm, waves) = (p[p.len() - 1].min(longest_mm), &p[..p.len() - 1]);
+    let turn = std::f64::consts::TAU * place_mm / pitch_mm;
+    let wave = |(k, w): (usize, &[f64])| {
+        let (s, c) = ((k + 1) as f64 * turn).sin_cos();
+        w[0] * c + w[1] * s
+    };
+    waves.chunks_exact(2).enumerate().map(wave).sum()
+}
+
 impl<C, E> Default for Library<C, E> {
     fn default() -> Self {
         Self { infos: Vec::new(), apply: Vec::new() }

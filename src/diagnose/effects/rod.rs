@@ -7,7 +7,9 @@
 use nalgebra::Vector2;
 
 use crate::diagnose::data::rod::Rod;
-use crate::diagnose::effects::{Library, Words, rod_camera, rod_slow, words};
+use crate::diagnose::effects::{
+    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, rod_camera, rod_slow, words,
+};
 use crate::diagnose::experiment::Parameter;
 
 /// Errors of one capture.
@@ -138,18 +140,14 @@ fn axis_effects(l: &mut L, data: &Rod) {
             }
             continue;
         }
-        let parameters = vec![
-            Parameter::linear("cos_mm", SIZE),
-            Parameter::linear("sin_mm", SIZE),
-            Parameter::shape("pitch_mm", &pitches),
-        ];
-        l.form(parameters, move |data, p, errors| {
-            for (e, place) in errors.iter_mut().zip(&data.place) {
-                let pitch = p[2].min(longest);
-                let (s, c) = (std::f64::consts::TAU * place[axis] / pitch).sin_cos();
-                e.place[axis] += p[0] * c + p[1] * s;
-            }
-        });
+        l.beforehand(PURE_WAVE);
+        for waves in 1..=CYCLE_WAVES {
+            l.form(cycle(waves, SIZE, &pitches), move |data, p, errors| {
+                for (e, place) in errors.iter_mut().zip(&data.place) {
+                    e.place[axis] += cycle_mm(p, place[axis], longest);
+                }
+            });
+        }
     }
 }
 
