@@ -40,9 +40,21 @@ fn refused(dir: &Path, line: &str, words: &[&str]) {
     }
 }
 
-/// Ends a test.
-fn judge() {
-    FOUND.with_borrow(|found| assert!(found.is_empty(), "\n{}", found.join("\n")));
+/// A folder with one good file of every kind; when it goes, the test is judged.
+struct Workshop(tempfile::TempDir);
+
+impl Workshop {
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+}
+
+impl Drop for Workshop {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            FOUND.with_borrow(|found| assert!(found.is_empty(), "\n{}", found.join("\n")));
+        }
+    }
 }
 
 fn listing(dir: &Path) -> Vec<String> {
@@ -52,8 +64,7 @@ fn listing(dir: &Path) -> Vec<String> {
     names
 }
 
-/// A folder with one good file of every kind.
-fn workshop() -> tempfile::TempDir {
+fn workshop() -> Workshop {
     let dir = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     for (from, to) in [
@@ -84,7 +95,7 @@ fn workshop() -> tempfile::TempDir {
     write("joints.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,4,5\n");
     write("captures.csv", "image,x_mm,y_mm\nburn.png,0,0\nburn.png,1,0\nburn.png,0,1\n");
     write("job.toml", "schema = 1\ncalib = \"calib.toml\"\n[measure.burn]\n");
-    dir
+    Workshop(dir)
 }
 
 /// Every place where the program reads a file, marked `@`, with a file that is good there.
@@ -161,7 +172,6 @@ fn whatever_a_file_holds_it_is_refused_by_name_and_never_breaks_the_program() {
             refused(dir, &line(name), &[&file]);
         }
     }
-    judge();
 }
 
 #[test]
@@ -196,7 +206,6 @@ fn pictures_that_lie_about_themselves_are_refused() {
     refused(dir, "burn flat.png --calib calib.toml", &["flat.png", "ring"]);
     refused(dir, "circles flat.png --calib calib.toml --expect-mm 5", &["flat.png", "5"]);
     refused(dir, "rod captures.csv --calib calib.toml", &["captures.csv:3", "another position"]);
-    judge();
 }
 
 #[test]
@@ -268,7 +277,6 @@ fn wrong_cells_are_named_with_line_and_column() {
     let curved = format!("{calib}\n[sensor]\ngamma = 0.0\n");
     says("t.toml", &curved, burn, &["t.toml", "sensor.gamma", "2.2"]);
     says("t.toml", "schema = 1\n", burn, &["t.toml", "[camera]"]);
-    judge();
 }
 
 #[test]
@@ -291,7 +299,6 @@ fn slips_of_the_hand_get_a_hint() {
     let one = "circles burn.png --calib calib.toml --expect-mm 5.75 --expect-mm";
     refused(dir, &format!("{one} 5.3"), &["one circle only", "5.75", "5.3"]);
     refused(dir, &format!("{one} 5.75"), &["5.75", "twice"]);
-    judge();
 }
 
 #[test]
@@ -304,7 +311,6 @@ fn a_failed_run_leaves_the_old_result_as_it_was() {
     refused(dir, "solve session.toml --out no/where/new.json", &["no/where", "does not exist"]);
     refused(dir, "solve session.toml --out heat", &["heat", "is a folder"]);
     refused(dir, "solve session.toml --write-machine no/where/m.toml", &["does not exist"]);
-    judge();
 }
 
 #[test]
@@ -346,7 +352,6 @@ fn outputs_never_replace_inputs_nor_each_other_and_come_together() {
     if Path::new("/dev/full").exists() {
         refused(dir, "solve session.toml --write-machine m.toml --out /dev/full", &["/dev/full"]);
     }
-    judge();
 }
 
 #[cfg(unix)]
@@ -363,7 +368,6 @@ fn what_never_ends_is_refused() {
         refused(dir, "machine /dev/zero", &["/dev/zero", "larger than"]);
         refused(dir, "report /dev/zero --out page.html", &["/dev/zero", "larger than"]);
     }
-    judge();
 }
 
 #[test]
@@ -375,7 +379,6 @@ fn surplus_elements_of_an_array_are_named() {
     let longer = text.replace(line, "distortion = [0, 0, 0, 0, 0, 0, 0, 0]");
     std::fs::write(dir.join("long.toml"), longer).unwrap();
     refused(dir, "burn burn.png --calib long.toml", &["long.toml:", "camera.distortion", "8"]);
-    judge();
 }
 
 #[test]
@@ -447,7 +450,6 @@ fn a_diagnosis_counts_copies_once_and_doubts_what_no_machine_shows() {
     write("points.csv", &points);
     let rim = run(dir, "simulate rod --data points.csv --calib calib.toml");
     assert!(said(&rim).contains("lie outside of the 800×600 px"), "{}", said(&rim));
-    judge();
 }
 
 #[test]
@@ -479,7 +481,6 @@ fn what_is_misspelt_in_a_file_is_found_before_anything_is_measured() {
     let pair =
         "[measure.circles]\nexpect_mm = [5.75]\n[limits]\n\"pairs.0.distance_mm\" = { max = 1 }\n";
     job(pair, &["pairs.0.distance_mm", "1 circles"]);
-    judge();
 }
 
 #[test]
@@ -500,7 +501,6 @@ fn a_page_is_made_of_results_only() {
         "align apply --align align.json --machine ac.toml path.apt out.nc --decimals 0",
         &["--decimals", "decimal point"],
     );
-    judge();
 }
 
 #[cfg(unix)]
@@ -512,7 +512,6 @@ fn a_link_to_nothing_is_called_one() {
     let listed = listing(dir);
     refused(dir, "burn burn.png --calib link.toml", &["link.toml", "a link to 'gone/calib.toml'"]);
     assert_eq!(listing(dir), listed);
-    judge();
 }
 
 /// A name that JSON cannot hold is refused, never a panic half way.

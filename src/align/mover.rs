@@ -46,7 +46,8 @@ pub(super) struct Mover {
     pub(super) rapid_next: bool,
     pub(super) separator: char,
     pub(super) feed: f64,
-    pub(super) through: Vec<Joints>,
+    /// Points added to the move at hand: how far along it, and the joints there.
+    pub(super) through: Vec<(f64, Joints)>,
 }
 
 impl Mover {
@@ -103,7 +104,7 @@ impl Mover {
                     .go(line, &hint, held, |t| straight(&start, &pose, t), &mut through)
                     .map_err(Stop::Failed)?;
                 let code = if std::mem::take(&mut self.rapid_next) { "G0" } else { "G1" };
-                for q in through.iter().chain([&end]) {
+                for (_, q) in through.iter().chain([&(1.0, end)]) {
                     out.push_str(code);
                     self.axes(out, q, &pose);
                     out.push('\n');
@@ -205,12 +206,16 @@ impl Mover {
             .go(line, &hint, !rapid && !rtcp, path, &mut through)
             .map_err(Stop::Failed)?;
         if self.to == Form::Cl {
+            for (t, _) in &through {
+                cl::write(out, &path(*t), ' ', self.decimals);
+            }
             cl::write(out, &pose, ' ', self.decimals);
             self.through = through;
             return Ok(());
         }
-        let parts = through.len() as f64 + 1.0;
-        for (n, q) in through.iter().chain([&end]).enumerate() {
+        let mut done = 0.0;
+        for (n, (t, q)) in through.iter().chain([&(1.0, end)]).enumerate() {
+            let part = t - std::mem::replace(&mut done, *t);
             for &(letter, digits) in &block.words {
                 // Added points repeat only the feed of inverse time, which counts for each block.
                 let feed = letter == 'F' && self.modal.inverse_time;
@@ -219,7 +224,7 @@ impl Mover {
                 }
                 out.push(letter);
                 match digits.parse::<f64>() {
-                    Ok(value) if feed && parts > 1.0 => cl::number(out, value * parts, 6),
+                    Ok(value) if feed && part < 1.0 => cl::number(out, value / part, 6),
                     _ => out.push_str(digits),
                 }
                 out.push(' ');

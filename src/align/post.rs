@@ -76,14 +76,14 @@ impl Poster {
     }
 
     /// Joints for the end of a move along `path` (t from 0 to 1), near `hint`; points to go through before it are
-    /// put in `through`. `held` says whether the path between matters.
+    /// put in `through`, each with its t. `held` says whether the path between matters.
     pub fn go(
         &mut self,
         line: u64,
         hint: &Joints,
         held: bool,
         path: impl Fn(f64) -> ToolPose,
-        through: &mut Vec<Joints>,
+        through: &mut Vec<(f64, Joints)>,
     ) -> Result<Joints> {
         through.clear();
         let ends = self.solve(line, &path(1.0), hint)?;
@@ -151,7 +151,7 @@ impl Poster {
         to: (f64, &Joints),
         path: &impl Fn(f64) -> ToolPose,
         depth: u32,
-        through: &mut Vec<Joints>,
+        through: &mut Vec<(f64, Joints)>,
     ) -> Result<bool> {
         let along = |part: f64| -> (f64, Joints) {
             (
@@ -181,7 +181,7 @@ impl Poster {
         if !self.split(line, from, (t, &middle), path, depth - 1, through)? {
             return Ok(false);
         }
-        through.push(middle);
+        through.push((t, middle));
         self.split(line, (t, &middle), to, path, depth - 1, through)
     }
 }

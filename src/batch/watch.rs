@@ -45,7 +45,11 @@ impl Settling {
 
     /// How far the file has come now. To be asked again and again.
     pub fn state(&mut self, path: &Path) -> State {
-        let Ok(meta) = std::fs::metadata(path) else { return State::Growing };
+        let Ok(meta) = std::fs::metadata(path) else {
+            // A link that leads nowhere is measured, and so told; what has gone is not.
+            let there = std::fs::symlink_metadata(path).is_ok();
+            return if there { State::Complete } else { State::Growing };
+        };
         let now = (meta.len(), meta.modified().ok());
         let new = || Seen { size_and_time: now, since: Instant::now(), told: false };
         let entry = self.seen.entry(path.to_owned()).or_insert_with(new);

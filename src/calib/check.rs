@@ -99,7 +99,9 @@ pub fn plane(
         .iter()
         .map(|c| Ok(calibration.linear(Picture::read(&c.path)?.into_frame(Channel::Auto))))
         .collect::<Result<Vec<Frame>>>()?;
-    let (w, h) = (frames[0].width(), frames[0].height());
+    let Some((w, h)) = frames.first().map(|f| (f.width(), f.height())) else {
+        return Err(Error::measure("the check", "has no captures", "give some"));
+    };
     let views = frames
         .iter()
         .map(|f| calibration.view(f.width(), f.height()))

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use super::{Global, Outcome, Status, history, result};
+use super::{Global, Outcome, Status, history, result, seconds};
 use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
@@ -86,11 +86,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let Some(out) = global.out.clone() else {
         return Err(Error::option("--out", "is missing", "name a folder for the results"));
-    };
-    let seconds = |option: &str, s: f64| {
-        Duration::try_from_secs_f64(s).map_err(|_| {
-            Error::option(option, format!("{s} is not a time"), "give seconds, zero or more")
-        })
     };
     let watch = match args.watch {
         false => None,

@@ -2,8 +2,9 @@
 
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
-use super::{Global, Outcome, Status, result, rows};
+use super::{Global, Outcome, Status, result, rows, seconds};
 use crate::error::{Error, Result};
 use crate::live::store::{Position, Store};
 use crate::live::{Event, Feed, Shot};
@@ -53,6 +54,7 @@ pub struct Captured {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    let timeout = seconds("--timeout-s", args.timeout_s)?;
     let positions = args.positions.as_deref().map(Position::read).transpose()?;
     let mut feed = Feed::open(&args.source)?;
     if same_folder(args.source.as_ref(), &args.store) {
@@ -69,7 +71,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let mut results = Vec::new();
     let mut take = |feed: &mut Feed, at: Position| -> Result<bool> {
-        let Some(shot) = picture(feed, args.timeout_s, global)? else { return Ok(false) };
+        let Some(shot) = picture(feed, timeout, global)? else { return Ok(false) };
         let name = store.add(&shot, at)?;
         global.say(format_args!("{name}  X {} Y {} C {}", at.x_mm, at.y_mm, at.c_deg));
         results.push(Captured { image: name, x_mm: at.x_mm, y_mm: at.y_mm, c_deg: at.c_deg });
@@ -142,10 +144,10 @@ fn same_folder(a: &Path, b: &Path) -> bool {
 }
 
 /// A whole picture that came after now; `None` at the source's end.
-fn picture(feed: &mut Feed, timeout_s: f64, global: &Global) -> Result<Option<Shot>> {
+fn picture(feed: &mut Feed, timeout: Duration, global: &Global) -> Result<Option<Shot>> {
     feed.freshen();
     let start = std::time::Instant::now();
-    while start.elapsed().as_secs_f64() < timeout_s {
+    while start.elapsed() < timeout {
         match feed.wait()? {
             // What cannot be decoded is not stored; a live source soon has another one.
             Event::Shot(shot, _) => match shot.frame() {
@@ -163,7 +165,7 @@ fn picture(feed: &mut Feed, timeout_s: f64, global: &Global) -> Result<Option<Sh
     }
     Err(Error::measure(
         "source",
-        format!("no picture came for {timeout_s} s; what is stored is complete"),
+        format!("no picture came for {} s; what is stored is complete", timeout.as_secs_f64()),
         "check the camera and start again: the folder is continued",
     ))
 }

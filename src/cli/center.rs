@@ -5,10 +5,10 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use super::outfiles::OutFile;
-use super::{Global, Outcome, Status, result};
+use super::{Global, Outcome, Status, result, seconds};
 use crate::camera::Calibration;
 use crate::draw;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::live::center::{self, News, Options, Report};
 use crate::live::store::{Position, Store};
 use crate::live::{self, Feed};
@@ -62,14 +62,11 @@ pub struct Output<'r> {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    if !(args.timeout_s.is_finite() && args.timeout_s > 0.0 && args.timeout_s < 1e7) {
-        return Err(Error::option("--timeout-s", format!("is {}", args.timeout_s), "give seconds"));
-    }
     let options = Options {
         diameter_mm: args.diameter_mm,
         u95_mm: args.u95_mm,
         tolerance_mm: args.tolerance_mm,
-        timeout: Duration::from_secs_f64(args.timeout_s),
+        timeout: seconds("--timeout-s", args.timeout_s)?,
     };
     let at = args.at.as_deref().map(Position::parse).transpose()?;
     let calibration = Calibration::read(&args.calib)?;

@@ -64,7 +64,11 @@ pub fn arguments(given: Vec<OsString>) -> Result<Vec<OsString>> {
     let program = super::command();
     let (mut asked, mut after) = (vec![&program], 0);
     for (i, word) in words.iter().enumerate().skip(1) {
-        if let Some(command) = asked[asked.len() - 1].find_subcommand(word) {
+        let command = asked[asked.len() - 1];
+        if wants_value(&words[i - 1], command, &program) {
+            continue;
+        }
+        if let Some(command) = command.find_subcommand(word) {
             asked.push(command);
             after = i + 1;
         }
@@ -235,6 +239,19 @@ fn expected(option: &clap::Arg, is_path: bool, error: Option<clap::Error>) -> St
         let help = option.get_help().map(ToString::to_string).unwrap_or_default();
         format!("give what the command line takes: {help}")
     })
+}
+
+/// Whether a word of the command line is an option whose value is the next word.
+fn wants_value(word: &str, command: &clap::Command, program: &clap::Command) -> bool {
+    let is_it = |a: &&clap::Arg| match word.strip_prefix("--") {
+        Some(long) => a.get_long() == Some(long),
+        None => {
+            let letters = word.strip_prefix('-');
+            a.get_short().is_some_and(|short| letters.is_some_and(|l| l.ends_with(short)))
+        }
+    };
+    let option = command.get_arguments().chain(program.get_arguments()).find(is_it);
+    option.is_some_and(|a| a.get_action().takes_values())
 }
 
 /// Whether the command line has the option, by its long name or its letter.

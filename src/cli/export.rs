@@ -104,7 +104,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     // Writing to a String cannot fail.
     let (output, rows) = if let Some(old) = &args.diff {
         let before = export(&Machine::read(old)?, args.control)?;
-        let changes: Vec<Change> = differences(&before, &made)
+        let changes = differences(&before, &made);
+        let lines = other_lines(&before, &made, &changes);
+        let changes: Vec<Change> = changes
             .into_iter()
             .map(|(p, old, new)| Change {
                 name: p.name,
@@ -116,7 +118,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 confidence: p.confidence,
             })
             .collect();
-        let lines = other_lines(&before, &made, &changes);
         if changes.is_empty() && lines.is_empty() {
             table += "nothing changes\n";
         }
@@ -154,24 +155,42 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     Ok(Outcome::good(Document { json, rows, table }))
 }
 
-/// Lines of the new files that the old ones lack and that none of the changed values explains: a stand-off or a sense that only a remark tells.
-fn other_lines(old: &Export, new: &Export, changes: &[Change]) -> Vec<Line> {
-    let values: Vec<String> = changes
-        .iter()
-        .filter_map(|c| new.parameters.iter().find(|p| p.name == c.name))
-        .map(Parameter::text)
-        .collect();
-    let of_old = |name: &str| {
-        old.files.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text.as_str())
+/// Lines of the new files that are no line of the old ones with the changed values put in: a stand-off or a sense that only a remark
+/// tells.
+fn other_lines(old: &Export, new: &Export, changes: &[(Parameter, f64, f64)]) -> Vec<Line> {
+    let of_value = |p: &Parameter, value: f64| Parameter { value, ..p.clone() }.text();
+    let texts: Vec<(String, String)> =
+        changes.iter().map(|(p, old, new)| (of_value(p, *old), of_value(p, *new))).collect();
+    let explained = |before: &str, now: &str| {
+        let (before, now) = (numbers_apart(before), numbers_apart(now));
+        before.len() == now.len()
+            && before.iter().zip(&now).all(|(b, n)| {
+                b == n || texts.iter().any(|(old, new)| (old.as_str(), new.as_str()) == (*b, *n))
+            })
     };
-    let told = |line: &str| values.iter().any(|v| line.contains(v.as_str()));
-    let lines = new.files.iter().flat_map(|(name, text)| {
-        let before: std::collections::HashSet<&str> = of_old(name).lines().collect();
-        let changed = move |line: &&str| !before.contains(line);
-        text.lines().filter(changed).map(move |line| (name.clone(), line))
-    });
+    let mut lines = Vec::new();
+    for (name, text) in &new.files {
+        let before = old.files.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text);
+        let is_new = |line: &&str| !before.lines().any(|b| explained(b, line));
+        lines.extend(
+            text.lines()
+                .filter(is_new)
+                .map(|line| Line { file: name.clone(), line: line.trim().to_owned() }),
+        );
+    }
     lines
-        .filter(|(_, line)| !told(line))
-        .map(|(file, line)| Line { file, line: line.trim().to_owned() })
-        .collect()
+}
+
+/// A line cut into its numbers and what is between them.
+fn numbers_apart(line: &str) -> Vec<&str> {
+    let of_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
+    let mut rest = line;
+    std::iter::from_fn(|| {
+        let first = of_number(rest.chars().next()?);
+        let end = rest.find(|c| of_number(c) != first).unwrap_or(rest.len());
+        let (part, left) = rest.split_at(end);
+        rest = left;
+        Some(part)
+    })
+    .collect()
 }

@@ -149,13 +149,12 @@ fn values(record: &Record) -> String {
         .join("  ")
 }
 
-/// Keeps a command's result where the user keeps records. Commands that measure nothing are not kept, and a
-/// batch keeps its own pictures.
+/// Keeps a command's result where the user keeps records; a batch keeps its own pictures.
 pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<()> {
     let (Some(path), Some(document)) = (&global.records, &outcome.document) else { return Ok(()) };
     let schema = document.json.get("schema").and_then(Value::as_str).unwrap_or("");
     let command = schema.trim_start_matches("pivotsight.").split('/').next().unwrap_or("");
-    if ["", "batch", "config", "history", "regress", "schema"].contains(&command) {
+    if ["", "batch"].contains(&command) {
         return Ok(());
     }
     let results = match document.json.get("results").and_then(Value::as_array) {

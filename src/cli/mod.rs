@@ -31,6 +31,7 @@ mod verify;
 
 use std::io::Write;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -223,7 +224,9 @@ pub fn run() -> ExitCode {
     let global = &cli.global;
     global.note(words.join(" "));
     let status = dispatch(&cli).and_then(|outcome| {
-        history::told(global, history::keep(global, &words, &outcome));
+        if is_kept(&cli.command) {
+            history::told(global, history::keep(global, &words, &outcome));
+        }
         let takes_out = out_is_folder(&cli.command) || makes_file(&cli.command);
         hand_out(global, !takes_out, outcome)
     });
@@ -237,6 +240,13 @@ pub fn run() -> ExitCode {
             fail(error)
         }
     }
+}
+
+/// A time given in seconds.
+fn seconds(option: &str, s: f64) -> Result<Duration> {
+    Duration::try_from_secs_f64(s).map_err(|_| {
+        Error::option(option, format!("{s} is not a time"), "give seconds, zero or more")
+    })
 }
 
 /// Whether the command's result goes into the records.

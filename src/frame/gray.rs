@@ -156,14 +156,6 @@ impl Frame {
         }
     }
 
-    /// The largest count a pixel can have.
-    pub fn full_scale(&self) -> f32 {
-        match self {
-            Self::Eight(_) => 255.0,
-            Self::Sixteen(_) => 65535.0,
-        }
-    }
-
     /// See [`Gray::reduce`].
     pub fn reduce(&self, factor: usize) -> Gray<f32> {
         match self {

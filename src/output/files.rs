@@ -25,7 +25,7 @@ pub fn write_streamed(path: &Path, fill: impl FnOnce(&mut File) -> Result<()>) -
     staged.publish()
 }
 
-/// Several files that appear once all of them are complete, or not at all.
+/// Several files that are put in their places, one by one, once all of them are complete.
 #[derive(Debug, Default)]
 pub struct Together {
     devices: Vec<(PathBuf, Vec<u8>)>,
@@ -84,7 +84,7 @@ impl Staged {
                 "give another name, or lift the protection",
             ));
         }
-        let place = fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
+        let place = fs::canonicalize(path).unwrap_or_else(|_| end_of_links(path));
         let folder = folder_of(&place);
         if !folder.is_dir() {
             return Err(Error::file(
@@ -119,6 +119,17 @@ impl Staged {
 
 fn put(file: &mut File, path: &Path, bytes: &[u8]) -> Result<()> {
     file.write_all(bytes).map_err(|e| Error::io(path, "write", e))
+}
+
+/// Where a link leads that leads to nothing yet.
+fn end_of_links(path: &Path) -> PathBuf {
+    const MOST: usize = 40;
+    let mut place = path.to_owned();
+    for _ in 0..MOST {
+        let Ok(next) = fs::read_link(&place) else { break };
+        place = folder_of(&place).join(next);
+    }
+    place
 }
 
 /// Whether something is there that is neither file nor folder.

@@ -214,7 +214,17 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
             "give the reference position's angle, on the table's grid",
         ));
     }
-    let before = if modulo { 0 } else { before.round() as u32 };
+    let before = before.round() as u32;
+    let sections = grid.angles.len() as u32 - 1;
+    // The points of an endless axis go once round from the reference position.
+    let from_reference = |values: &Vec<f64>| -> Vec<f64> {
+        if !modulo {
+            return values.clone();
+        }
+        (0..=sections).map(|i| values[((before + i) % sections.max(1)) as usize]).collect()
+    };
+    let (up, down) = (from_reference(&grid.up), grid.down.as_ref().map(from_reference));
+    let before = if modulo { 0 } else { before };
     let first = (options.reference_point + 1).checked_sub(before).ok_or_else(|| {
         Error::option(
             "--reference-point",
@@ -222,10 +232,8 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
             "give a larger number",
         )
     })?;
-    let sections = grid.angles.len() as u32 - 1;
-    let largest = [Some(&grid.up), grid.down.as_ref()]
-        .into_iter()
-        .flatten()
+    let largest = std::iter::once(&up)
+        .chain(&down)
         .flat_map(|v| v.windows(2).map(|w| (w[1] - w[0]).abs()))
         .fold(0.0, f64::max);
     let units = largest / options.resolution_deg;
@@ -239,7 +247,7 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
     }
     let unit = magnification * options.resolution_deg;
     let (axis, last) = (options.axis_number, first + sections - 1);
-    let at_reference = grid.up[before as usize];
+    let at_reference = up[before as usize];
     let mut out = format!(
         "%\n(AXIS {} NO.{axis}: PULSES MOVE THE AXIS IN ITS POSITIVE DIRECTION; DETECTION UNIT {} DEG, STEPS OF {unit:.4} DEG)\n\
          N3620A{axis}P{}\nN3621A{axis}P{}\nN3622A{axis}P{last}\nN3623A{axis}P{magnification}\nN3624A{axis}P{}\n",
@@ -259,12 +267,11 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
     if modulo {
         let _ = writeln!(out, "N3625A{axis}P360.");
     }
-    let columns =
-        std::iter::once((&grid.up, first)).chain(grid.down.as_ref().map(|d| (d, last + 1)));
+    let columns = std::iter::once((&up, first)).chain(down.as_ref().map(|d| (d, last + 1)));
     for (values, start) in columns {
         if start > first {
             let at = before as usize;
-            let gap = (values[at] - grid.up[at]) / options.resolution_deg;
+            let gap = (values[at] - up[at]) / options.resolution_deg;
             let _ = writeln!(
                 out,
                 "(TRAVEL IN THE NEGATIVE DIRECTION)\nN3605A{axis}B00000001\nN3626A{axis}P{start}\nN3627A{axis}P{:.0}",

@@ -137,7 +137,7 @@ impl Sweep {
                 place = 0;
             }
             let group = *by_place.entry((place, dir)).or_insert_with(|| {
-                let angle_deg = if modulo { place as f64 / 1e6 } else { angle_deg };
+                let angle_deg = place as f64 / 1e6;
                 groups.push(Group { angle_deg, dir, readings: 0, mean_mm: 0.0, comp_deg });
                 groups.len() - 1
             });

@@ -40,6 +40,7 @@ pub struct RodCenter {
 pub struct BurnResult {
     pub offset_mm: [f64; 2],
     pub offset_u95_mm: [f64; 2],
+    pub offset_cov_mm2: Option<[[f64; 2]; 2]>,
 }
 
 /// Degrees within which two angles of the table are one.

@@ -2,13 +2,15 @@
 
 use std::path::Path;
 
+use nalgebra::{Matrix2, Vector2};
+
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
 use crate::rtcp::results::{BurnResult, RodResult};
 use crate::rtcp::session::{Limit, Session};
 use crate::rtcp::session_file::{Burn, Control, File, Rod, Touch};
 use crate::rtcp::solve::Readings;
-use crate::uncertainty::{K95, Measured};
+use crate::uncertainty::{K95, Measured, distance};
 use crate::units;
 
 /// Standard uncertainty taken for a length whose own is not given, mm.
@@ -86,12 +88,10 @@ impl Reader<'_> {
     ) -> Result<f64> {
         let mut from_burn = None;
         if let Some(burn) = burn {
-            let [x, y] = self.burn_offset(burn)?;
-            let distance = x.value.hypot(y.value);
-            let along =
-                if distance > 0.0 { [x.value / distance, y.value / distance] } else { [1.0, 0.0] };
-            let u = (along[0] * x.u).hypot(along[1] * y.u);
-            let value = Measured { value: distance, u };
+            let (offset, covariance) = self.burn_offset(burn)?;
+            let (value, u95) = distance(offset, covariance, f64::INFINITY);
+            let value = Measured { value, u: u95 / K95 };
+            self.uncertainty("burn.tolerance_mm", burn.tolerance_mm)?;
             limits.push(Limit::new(
                 "S1",
                 "concentricity of ring and spot",
@@ -111,7 +111,7 @@ impl Reader<'_> {
                 ));
             }
             // What is left of the tilt is not corrected, so it counts as uncertainty.
-            from_burn = Some((x.value.hypot(x.u) / height).atan());
+            from_burn = Some((offset.x.hypot(covariance[(0, 0)].sqrt()) / height).atan());
         }
         match (touch.b_zero_u_deg, from_burn) {
             (Some(u), _) => {
@@ -138,14 +138,19 @@ impl Reader<'_> {
         }
     }
 
-    fn burn_offset(&mut self, burn: &Burn) -> Result<[Measured; 2]> {
-        let (offset, u) = match (&burn.result, burn.offset_mm) {
+    /// Offset and its covariance, mm and mm².
+    fn burn_offset(&mut self, burn: &Burn) -> Result<(Vector2<f64>, Matrix2<f64>)> {
+        let (offset, u, correlation) = match (&burn.result, burn.offset_mm) {
             (Some(file), None) => {
                 let result = BurnResult::read(&self.beside(file), &mut self.warnings)?;
-                (result.offset_mm, result.offset_u95_mm.map(|u| u / K95))
+                let correlation = result.offset_cov_mm2.map_or(0.0, |[[xx, xy], [_, yy]]| {
+                    if xx * yy > 0.0 { (xy / (xx * yy).sqrt()).clamp(-1.0, 1.0) } else { 0.0 }
+                });
+                (result.offset_mm, result.offset_u95_mm.map(|u| u / K95), correlation)
             }
             (None, Some(offset)) => {
-                (offset, burn.offset_u_mm.map_or([0.001; 2], super::session_file::OneOrTwo::pair))
+                let u = burn.offset_u_mm.map_or([0.001; 2], super::session_file::OneOrTwo::pair);
+                (offset, u, 0.0)
             }
             _ => {
                 let reason = "needs either result or offset_mm";
@@ -156,13 +161,12 @@ impl Reader<'_> {
                 ));
             }
         };
-        let axis = |i: usize| -> Result<Measured> {
-            Ok(Measured {
-                value: self.length("burn.offset_mm", offset[i])?,
-                u: self.uncertainty("burn.offset_u_mm", u[i])?,
-            })
-        };
-        Ok([axis(0)?, axis(1)?])
+        for i in 0..2 {
+            self.length("burn.offset_mm", offset[i])?;
+            self.uncertainty("burn.offset_u_mm", u[i])?;
+        }
+        let xy = correlation * u[0] * u[1];
+        Ok((offset.into(), Matrix2::new(u[0] * u[0], xy, xy, u[1] * u[1])))
     }
 
     fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {

@@ -7,6 +7,7 @@ use serde::Serialize;
 use super::Record;
 use crate::batch::limits::{number, u95_key};
 use crate::clock::{DAY_S, parse};
+use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
 use crate::plot::{Figure, Panel};
 use crate::uncertainty::{K95, k95};
 
@@ -26,8 +27,11 @@ const FOLLOWED: [(&str, &str, &str, Option<&str>); 12] = [
     ("solve", "r_mm", "R, mm", None),
 ];
 
-/// A false alarm in about a thousand series.
-const ALARM: f64 = 3.3 / K95;
+/// Chance of a false alarm.
+const ALARM: f64 = 1e-3;
+
+/// Values that scatter as they do with such a chance, were their uncertainties right, have others.
+const SCATTERED: f64 = 0.01;
 
 /// One value over time.
 #[derive(Debug, Clone, PartialEq)]
@@ -97,8 +101,9 @@ impl Series {
             return found;
         };
         let first_day = self.points[0].0;
-        let mut add = |kind: &str, change: f64, change_u95: f64, what: String| {
-            if change.abs() > ALARM * change_u95 && change_u95 > 0.0 {
+        let mut add = |kind: &str, change: f64, (u, dof): (f64, f64), what: String| {
+            if ln_f_tail((change / u).powi(2), 1.0, dof) < ALARM.ln() {
+                let change_u95 = k95(dof) * u;
                 found.push(Drift {
                     command: self.command.clone(),
                     key: self.key.clone(),
@@ -109,17 +114,19 @@ impl Series {
                 });
             }
         };
-        if let Some((mean, u95)) = constant(before) {
+        if let Some((mean, u, scatter)) = constant(before) {
+            // The newest scatters as those before do.
             add(
                 "step",
                 last - mean,
-                u95.hypot(*last_u95),
+                (u.hypot(last_u95 / K95) * scatter.excess, scatter.dof),
                 format!("the newest differs from the {} before by", before.len()),
             );
         }
-        if let Some((slope, u95)) = line(&self.points) {
+        if let Some((slope, u, scatter)) = line(&self.points) {
             let days = last_day - first_day;
-            add("trend", slope * days, u95 * days, format!("trend over {days:.1} days"));
+            let u = (u * days * scatter.excess, scatter.dof);
+            add("trend", slope * days, u, format!("trend over {days:.1} days"));
         }
         found
     }
@@ -146,18 +153,17 @@ pub fn figure(series: &[Series]) -> Figure {
     series.iter().fold(Figure::new("History").columns(2), |figure, s| figure.panel(s.panel()))
 }
 
-/// Weighted mean and its u95, widened by the scatter. Needs two points with an uncertainty.
-fn constant(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
+/// Weighted mean, its standard uncertainty, and the scatter. Needs two points with an uncertainty.
+fn constant(points: &[(f64, f64, f64)]) -> Option<(f64, f64, Scatter)> {
     let weights = weights(points)?;
     let sum: f64 = weights.iter().sum();
     let mean = points.iter().zip(&weights).map(|(p, w)| w * p.1).sum::<f64>() / sum;
     let chi2: f64 = points.iter().zip(&weights).map(|(p, w)| w * (p.1 - mean).powi(2)).sum();
-    let dof = (points.len() - 1) as f64;
-    Some((mean, widened(chi2, dof) / sum.sqrt()))
+    Some((mean, 1.0 / sum.sqrt(), Scatter::of(chi2, points.len() - 1)))
 }
 
-/// Weighted slope and its u95, widened by the scatter. Needs four points that span some time.
-fn line(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
+/// Weighted slope, its standard uncertainty, and the scatter. Needs four points that span some time.
+fn line(points: &[(f64, f64, f64)]) -> Option<(f64, f64, Scatter)> {
     let weights = weights(points).filter(|w| w.len() >= 4)?;
     let sum: f64 = weights.iter().sum();
     let mean = |f: fn(&(f64, f64, f64)) -> f64| {
@@ -172,14 +178,25 @@ fn line(points: &[(f64, f64, f64)]) -> Option<(f64, f64)> {
     let slope = sty / stt;
     let chi2: f64 =
         points.iter().zip(&weights).map(|(p, w)| w * (p.1 - y - slope * (p.0 - t)).powi(2)).sum();
-    Some((slope, widened(chi2, (points.len() - 2) as f64) / stt.sqrt()))
+    Some((slope, 1.0 / stt.sqrt(), Scatter::of(chi2, points.len() - 2)))
 }
 
-/// The 95 % factor: normal where the scatter agrees with the stated uncertainties, else Student's times the
-/// excess (Birge ratio).
-fn widened(chi2: f64, dof: f64) -> f64 {
-    let ratio = (chi2 / dof).sqrt();
-    if ratio > 1.0 { K95.max(ratio * k95(dof)) } else { K95 }
+/// How values scatter: by what their uncertainties say, or clearly more.
+struct Scatter {
+    /// By how much more (Birge ratio).
+    excess: f64,
+    /// Degrees of freedom behind that; infinite where the stated uncertainties hold.
+    dof: f64,
+}
+
+impl Scatter {
+    fn of(chi2: f64, dof: usize) -> Self {
+        let dof = dof as f64;
+        match ln_chi2_tail(chi2, dof) < SCATTERED.ln() {
+            true => Self { excess: (chi2 / dof).sqrt(), dof },
+            false => Self { excess: 1.0, dof: f64::INFINITY },
+        }
+    }
 }
 
 /// 1/u² of every point; `None` with fewer than two points or one without uncertainty.
@@ -227,5 +244,16 @@ mod tests {
         }
         assert!(alarms(&|t| 214.7 + if t > 10.5 { 0.006 } else { 0.0 }, "step", &mut rng) >= 290);
         assert!(alarms(&|t| 214.7 + 0.0008 * t, "trend", &mut rng) >= 290);
+        // Values that scatter five times as much as they say raise no more, but for few, which tell little of how they scatter.
+        let scattered = |n: usize, rng: &mut rand_chacha::ChaCha8Rng| {
+            let mut series = made(n, |_| 214.7, rng);
+            series.points.iter_mut().for_each(|p| p.2 /= 5.0);
+            series
+        };
+        for (n, most) in [(6, 45), (12, 6), (30, 6)] {
+            let mut drifts = |_: &usize| !scattered(n, &mut rng).drift().is_empty();
+            let alarms = (0..1000).filter(|i| drifts(i)).count();
+            assert!(alarms <= most, "{n}: {alarms} of 1000");
+        }
     }
 }

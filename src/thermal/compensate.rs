@@ -54,8 +54,8 @@ pub struct Options {
 pub struct Compensator {
     model: Model,
     options: Options,
-    /// By bit mask of living sensors.
-    predictors: HashMap<u64, Option<Predictor>>,
+    /// By which sensors live.
+    predictors: HashMap<Vec<bool>, Option<Predictor>>,
     /// For each sensor: its last reading and the others' readings when it last changed.
     held: Vec<(f64, Vec<Option<f64>>)>,
 }
@@ -91,7 +91,8 @@ impl Compensator {
         for (axis, &position_mm) in &request.position_mm {
             let screw_c = request.screw_c.get(axis).copied().flatten().filter(|t| t.is_finite());
             let moved = self.screw(axis, position_mm, screw_c, &mut flags);
-            let acts = self.model.head_axes.is_empty() || self.model.head_axes.contains(axis);
+            let acts = self.model.head_axes.is_empty()
+                || self.model.head_axes.iter().any(|a| a.eq_ignore_ascii_case(axis));
             let head = if acts { head } else { Some((0.0, 0.0)) };
             let total = head.zip(moved).map(|((h, hu), (s, su))| (h + s, hu.hypot(su)));
             answer.correction_mm.insert(axis.clone(), total.map(|t| -t.0));
@@ -152,14 +153,16 @@ impl Compensator {
         }
         let stuck = match self.options.stuck_c {
             Some(limit) => stuck(&mut self.held, readings, limit),
-            None => 0,
+            None => Vec::new(),
         };
-        let mut living = 0u64;
+        let mut living = vec![false; head.sensors];
         for c in &head.coefficients {
             let i = c.sensor - 1;
             let range = c.range_c[1] - c.range_c[0];
             match rise(head, i, readings) {
-                Some(_) if stuck >> i & 1 == 1 => flags.push(format!("head-stuck:{}", c.sensor)),
+                Some(_) if stuck.get(i) == Some(&true) => {
+                    flags.push(format!("head-stuck:{}", c.sensor))
+                }
                 Some(t) => {
                     let outside = (c.range_c[0] - t).max(t - c.range_c[1]);
                     if outside > range + IMPLAUSIBLE_C {
@@ -169,15 +172,13 @@ impl Compensator {
                     if outside > MARGIN * range {
                         flags.push(format!("head-out-of-range:{}", c.sensor));
                     }
-                    living |= 1 << i;
+                    living[i] = true;
                 }
                 None => flags.push(format!("head-dead:{}", c.sensor)),
             }
         }
-        let predictor = self
-            .predictors
-            .entry(living)
-            .or_insert_with(|| head.predictor(|i| living >> i & 1 == 1));
+        let of_living = |living: &Vec<bool>| head.predictor(|i| living[i]);
+        let predictor = self.predictors.entry(living).or_insert_with_key(of_living);
         if predictor.is_none() {
             flags.push("head-unknown".to_owned());
         }
@@ -194,22 +195,25 @@ fn rise(head: &Head, sensor: usize, readings: &[Option<f64>]) -> Option<f64> {
     readings[sensor].filter(|t| t.is_finite()).map(|t| t - cold)
 }
 
-/// Bit mask of sensors that have stood still while another moved by `limit`.
-fn stuck(held: &mut Vec<(f64, Vec<Option<f64>>)>, readings: &[Option<f64>], limit: f64) -> u64 {
+/// Which sensors have stood still while another moved by `limit`.
+fn stuck(
+    held: &mut Vec<(f64, Vec<Option<f64>>)>,
+    readings: &[Option<f64>],
+    limit: f64,
+) -> Vec<bool> {
     held.resize(readings.len(), (f64::NAN, Vec::new()));
-    let mut mask = 0;
+    let mut stuck = vec![false; readings.len()];
     for (i, reading) in readings.iter().enumerate() {
         let Some(value) = reading else { continue };
         if held[i].0 != *value {
             held[i] = (*value, readings.to_vec());
             continue;
         }
-        let moved = readings
+        stuck[i] = readings
             .iter()
             .zip(&held[i].1)
             .filter_map(|(now, then)| now.zip(*then))
             .any(|(now, then)| (now - then).abs() > limit);
-        mask |= u64::from(moved) << i;
     }
-    mask
+    stuck
 }

@@ -59,6 +59,7 @@ impl Sums {
             && self.products.len() == self.size * self.size
             && self.products.iter().all(|p| p.is_finite())
             && self.effective_rows.is_finite()
+            && self.effective_rows > 0.0
     }
 
     /// Sum of squares left by `coefficients` on `columns`.
