@@ -355,6 +355,15 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         rates.len() > 1 && (rates.iter().map(|f| 1.0 / f).sum::<f64>() - 0.5).abs() < 1e-4,
         "{rates:?}"
     );
+    // And evenly: the table turns at about one speed however unlike the pieces are.
+    let turns: Vec<f64> = text
+        .lines()
+        .filter_map(|l| l.split_whitespace().find_map(|w| w.strip_prefix('C')?.parse().ok()))
+        .collect();
+    let speeds: Vec<f64> =
+        turns.windows(2).zip(&rates).map(|(c, f)| (c[1] - c[0]).abs() * f).collect();
+    let range = speeds.iter().fold((f64::MAX, 0.0_f64), |r, s| (r.0.min(*s), r.1.max(*s)));
+    assert!(range.1 < 1.5 * range.0, "{speeds:?}");
 }
 
 #[test]

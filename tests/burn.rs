@@ -398,3 +398,56 @@ fn what_is_faint_partial_and_far_off_all_at_once_is_no_burn() {
     }));
     assert!(found.is_err(), "{:?}", found.map(|m| m.report.spot.center_px));
 }
+
+/// The heat leaves a halo about the spot, fainter than it and as uneven as the plate: the spot is what is measured.
+#[test]
+fn a_spot_is_measured_within_its_halo() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(31.4, -12.7);
+    let found = measure(&picture(|p| {
+        let r = (p - center - offset_px).norm();
+        let grain = |a: f64, b: f64| (a * p.x + b * p.y).sin();
+        let plate = PLATE + 7.0 * (grain(0.21, 0.13) + grain(-0.1, 0.27) + grain(0.07, -0.19));
+        let halo = 1.0 - 0.42 * (-(r - 9.0).max(0.0) / 12.0).exp();
+        let edge = (150.0..190.0).contains(&(p - center).norm());
+        match (edge, r < 9.0) {
+            (true, _) => BURNT,
+            (false, true) => 25.0,
+            (false, false) => plate * halo,
+        }
+    }))
+    .unwrap();
+    let off_mm = off_mm(&found, offset_px);
+    assert!(off_mm < 0.01, "off by {off_mm}, {} mm wide", found.report.spot.diameter_mm);
+}
+
+/// Where the light falls off there is a circle at any radius about it: it is no ring of a lone spot.
+#[test]
+fn the_light_about_a_lone_spot_is_no_ring() {
+    for (light, spot) in [((430.0, 300.0), (350.0, 220.0)), ((300.0, 200.0), (260.0, 260.0))] {
+        let from = |p: Vector2<f64>, (x, y): (f64, f64)| (p - Vector2::new(x, y)).norm();
+        let found = measure(&picture(|p| {
+            let lit = 200.0 * (-(from(p, light) / 420.0).powi(2)).exp();
+            if from(p, spot) < 26.0 { 0.2 * lit } else { lit }
+        }));
+        assert!(found.is_err(), "{:?}", found.map(|m| m.report.ring.diameter_mm));
+    }
+}
+
+/// A light annulus that clips is a burn on anodised metal: a lamp's reflection is softer.
+#[test]
+fn an_overexposed_light_annulus_is_no_lamp() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(12.3, 7.1);
+    let rise = |x: f64| 1.0 / (1.0 + (-x / 3.0).exp());
+    let found = measure(&picture(|p| {
+        let r = (p - center).norm();
+        let annulus = rise(r - 120.0) * rise(175.0 - r);
+        let spot = rise(14.0 - (p - center - offset_px).norm());
+        130.0 + 260.0 * annulus - 70.0 * spot
+    }))
+    .unwrap();
+    let [x, y] = found.report.offset.offset_u95_mm;
+    let off_mm = off_mm(&found, offset_px);
+    assert!(off_mm < x.hypot(y) && off_mm < 0.02, "off by {off_mm}");
+}

@@ -186,6 +186,16 @@ fn controls_get_their_tables_in_their_own_sense() {
     assert_eq!(steps.len(), 16, "eight sections of a turn, both directions");
     assert_eq!(steps[..8].iter().sum::<i32>(), 0, "a turn adds up to nothing");
     assert!(steps.iter().all(|s| s.abs() <= 7));
+    // From another reference the same turn begins elsewhere.
+    let turned = table("fanuc", &["--reference-point", "60", "--reference-deg", "90"]);
+    let sections = |text: &str| -> Vec<i32> {
+        let values = text.lines().filter(|l| l.starts_with("N100"));
+        values.take(8).map(|l| l.split('P').nth(1).unwrap().parse().unwrap()).collect()
+    };
+    let (mut from_zero, from_90) = (sections(&fanuc), sections(&turned));
+    from_zero.rotate_left(2);
+    let apart = from_zero.iter().zip(&from_90).map(|(a, b)| (a - b).abs()).max();
+    assert!(apart <= Some(1), "rounded from another start: {from_zero:?}, {from_90:?}");
     // Absolute and incremental tables say the same.
     let read = |text: String| -> Vec<f64> {
         text.lines().skip(1).map(|l| l.split(',').nth(1).unwrap().parse().unwrap()).collect()

@@ -187,6 +187,14 @@ fn a_difference_names_what_changes_and_nothing_else() {
     assert!((json["changes"][0]["change"].as_f64().unwrap() - 0.05).abs() < 1e-9);
     let (_, out, _) = folder.run("export --machine new.toml --control fanuc --diff new.toml");
     assert_eq!(out, "nothing changes\n");
+    // A stand-off stands in a remark alone, and is no less told where a code of 0 or 1 changes, too.
+    for more in ["", "[axes.B]\nsense = -1\n"] {
+        let new = format!("schema = 1\n[head]\nr_mm = 214.7\nstandoff_mm = 2.1\n{more}");
+        folder.put("off.toml", &new);
+        folder.put("on.toml", "schema = 1\n[head]\nr_mm = 214.7\nstandoff_mm = 1.0\n");
+        let (_, out, _) = folder.run("export --machine off.toml --control fanuc --diff on.toml");
+        assert!(out.contains("stand-off, 2.1000 mm"), "{out}");
+    }
 }
 
 #[test]

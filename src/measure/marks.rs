@@ -145,7 +145,7 @@ impl<'a> Scene<'a> {
             let clear =
                 spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
-                if weaknesses(&ring, &spot) >= TOO_WEAK || self.is_fall_off(&ring, &spot) {
+                if weaknesses(&ring, &spot) >= TOO_WEAK || self.is_light(&ring) {
                     return Attempt::Flawed(Flaw::Other);
                 }
                 let warnings = warnings(&ring, &spot);
@@ -156,23 +156,10 @@ impl<'a> Scene<'a> {
         attempt
     }
 
-    /// Whether what was taken for the ring of a lone spot is where the light falls off: it goes on beyond the picture, and the spot is
-    /// far stronger.
-    fn is_fall_off(&self, ring: &Ring, spot: &Ring) -> bool {
-        const POINTS: usize = 72;
-        /// Share of the ring that lies outside, and the spot's step in the ring's.
-        const OUTSIDE: f64 = 0.15;
-        const STRONGER: f64 = 6.0;
-        let is_inside = |i: &usize| {
-            let (s, c) = (std::f64::consts::TAU * *i as f64 / POINTS as f64).sin_cos();
-            let p =
-                self.view.to_pixel(ring.circle.center + ring.circle.radius * Vector2::new(c, s));
-            let within = |v: f64, size: usize| (0.0..size as f64).contains(&v);
-            within(p.x, self.frame.width()) && within(p.y, self.frame.height())
-        };
-        let inside = (0..POINTS).filter(is_inside).count();
-        (inside as f64) < (1.0 - OUTSIDE) * POINTS as f64
-            && (spot.contrast / ring.contrast).abs() > STRONGER
+    /// Whether what was taken for the ring is where the light of a lone spot's surroundings falls off.
+    fn is_light(&self, ring: &Ring) -> bool {
+        let radius = ring.circle.radius / self.view.pixel_mm();
+        find::is_fall_off(&self.look, Circle { center: ring.center_px, radius })
     }
 
     /// Whether a mark stands out from its surface, clear of what is a mark beside the ring `outer`.
