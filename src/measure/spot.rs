@@ -256,7 +256,7 @@ impl Inside<'_> {
                 let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
                 self.measure(s).or_else(nearby)
             })?;
-        Some(self.core(&found).unwrap_or(found))
+        Some(self.within_halo(&found).unwrap_or(found))
     }
 
     /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.

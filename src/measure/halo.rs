@@ -7,9 +7,8 @@ use crate::measure::ring::{self, Ring};
 use crate::measure::spot::{Inside, WHOLE};
 
 impl Inside<'_> {
-    /// A circle within a spot that tells far better where it is, or is far clearer: what was found is the halo that the heat left about
-    /// it.
-    pub(super) fn core(&self, found: &Ring) -> Option<Ring> {
+    /// A circle within a spot that tells far better where it is, or is far clearer: what was found is its halo.
+    pub(super) fn within_halo(&self, found: &Ring) -> Option<Ring> {
         /// Where it is looked for, in the spot's radii.
         const WITHIN: [f64; 2] = [0.7, 0.5];
         /// A spot that is known to this part of its radius needs no other.
