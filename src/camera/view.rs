@@ -101,7 +101,12 @@ impl View {
     pub fn pixel_mm(&self) -> f64 {
         let middle =
             Vector2::new(self.lens.width_px as f64 - 1.0, self.lens.height_px as f64 - 1.0) / 2.0;
-        self.mm_per_px(middle).determinant().abs().sqrt()
+        self.pixel_mm_at(middle)
+    }
+
+    /// Mean size of a pixel in the plane, at a place in the picture.
+    pub fn pixel_mm_at(&self, pixel: Vector2<f64>) -> f64 {
+        self.mm_per_px(pixel).determinant().abs().sqrt()
     }
 
     /// Pixel → distortion-free normalised image, by Newton's method.

@@ -1,7 +1,5 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
-use nalgebra::DMatrix;
-
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::pairs::best_pairs;
@@ -117,8 +115,7 @@ fn refined(fitter: &Fitter, s: &Selection, i: usize, standing: &Standing, score:
     let f = &s.fitted;
     let rest = remove(&f.model, Part::Effect(i));
     let other = fitter.fit(add(fitter, &rest, &candidate.who), Some(&f.noise));
-    let column = DMatrix::from_column_slice(other.residual.len(), 1, &other.residual);
-    let left = fitter.whiten(&column, &f.noise).norm_squared();
+    let left = fitter.whiten_residual(&other, &f.noise).norm_squared();
     0.5 * (standing.residual.norm_squared() - left - score.chi2).max(0.0)
 }
 

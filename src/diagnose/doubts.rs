@@ -3,7 +3,6 @@
 
 use std::collections::BTreeMap;
 
-use crate::diagnose::classes::pair_instead;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
@@ -24,8 +23,8 @@ pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
     (most > MOST_MM).then_some(most)
 }
 
-/// What is to be doubted of an answer, in words.
-pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
+/// What is to be doubted of an answer, in words; `pairs` are the two names that could stand for each of its own.
+pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -> Vec<String> {
     const CHECK: &str = "more than any machine shows: check that --model is the machine measured and that the columns are in mm and degrees";
     let model = &s.fitted.model;
     let effects = fitter.experiment.effects();
@@ -37,9 +36,9 @@ pub fn of_answer(fitter: &Fitter, s: &Selection) -> Vec<String> {
         })
         .collect();
     let within = doubts.is_empty();
-    doubts.extend((0..model.active.len()).filter_map(|i| {
-        let [one, other] = pair_instead(fitter, s, i)?.map(|e| effects[e].name.clone());
-        let name = &effects[model.active[i].effect].name;
+    doubts.extend(model.active.iter().zip(pairs).filter_map(|(named, pair)| {
+        let [one, other] = pair.as_ref()?.map(|e| &effects[e].name);
+        let name = &effects[named.effect].name;
         Some(format!(
             "{one} and {other} together explain as much as {name}, with no more parameters"
         ))

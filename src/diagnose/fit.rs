@@ -236,8 +236,13 @@ impl Fitter<'_> {
 
     /// ln likelihood of a fitted model with its noise, but for a constant.
     pub fn ln_likelihood(&self, f: &Fitted) -> f64 {
-        let column = DMatrix::from_column_slice(f.residual.len(), 1, &f.residual);
-        -0.5 * (self.whiten(&column, &f.noise).norm_squared() + self.space.ln_det(&f.noise))
+        let left = self.whiten_residual(f, &f.noise).norm_squared();
+        -0.5 * (left + self.space.ln_det(&f.noise))
+    }
+
+    /// What a model leaves, in units of a noise; the captures' random parts first.
+    pub fn whiten_residual(&self, f: &Fitted, noise: &Noise) -> DMatrix<f64> {
+        self.whiten(&DMatrix::from_column_slice(f.residual.len(), 1, &f.residual), noise)
     }
 
     fn linearise(&self, model: &Model) -> (Vec<f64>, DMatrix<f64>) {

@@ -26,8 +26,7 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted, share: f64) -> f64 {
     let taken = &of_setup * setup_covariance;
     let scale: Vec<f64> = white.column_iter().map(|c| c.norm().max(1e-300)).collect();
     white.column_iter_mut().zip(&scale).for_each(|(mut c, s)| c /= *s);
-    let column = DMatrix::from_column_slice(fitted.residual.len(), 1, &fitted.residual);
-    let residual = fitter.whiten(&column, &fitted.noise);
+    let residual = fitter.whiten_residual(fitted, &fitted.noise);
     let (information, along) = (white.tr_mul(&white), white.tr_mul(&residual));
     let (mut sum, mut count) = (0.0, 0.0);
     for fold in 0..FOLDS {

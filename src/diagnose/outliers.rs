@@ -1,6 +1,6 @@
 //! Observations that are set aside: a slipped reading is no effect, and no shape should be bent to follow it.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::DVector;
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
@@ -208,8 +208,7 @@ const LEAST_LEFT: f64 = 0.3;
 fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let n = layout.values.len();
     let limit = limit(n);
-    let column = DMatrix::from_column_slice(n, 1, &f.residual);
-    let white = fitter.whiten(&column, &f.noise);
+    let white = fitter.whiten_residual(f, &f.noise);
     let top = fitter.space.top();
     let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
     let left = |i: usize| (1.0 - basis.row(top + i).norm_squared()).max(LEAST_LEFT);

@@ -86,7 +86,7 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
 
 /// p-value of a remaining lack of fit: against given noise, or against repeats.
 fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
-    let white = whitened(fitter, f);
+    let white = fitter.whiten_residual(f, &f.noise);
     let mut ln_p: Option<f64> = None;
     let mut tests = 0.0;
     if quieter(fitter, f).is_some() {
@@ -104,11 +104,6 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     ln_p.map(|p| (p + f64::ln(f64::max(tests, 1.0))).min(0.0).exp())
 }
 
-/// What the model leaves, in units of its noise; the captures' random parts first.
-fn whitened(fitter: &Fitter, f: &Fitted) -> DMatrix<f64> {
-    fitter.whiten(&DMatrix::from_column_slice(f.residual.len(), 1, &f.residual), &f.noise)
-}
-
 /// χ² against the noise that was given, and its degrees of freedom.
 fn against_given(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Option<(f64, f64)> {
     let top = fitter.space.top();
@@ -120,7 +115,7 @@ fn against_given(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Option<(f
 /// Share of the given noise's variance that the values show, where they scatter by less: as rarely by chance as a lack of fit is
 /// so large.
 fn quieter(fitter: &Fitter, f: &Fitted) -> Option<f64> {
-    let (chi2, dof) = against_given(fitter, f, &whitened(fitter, f))?;
+    let (chi2, dof) = against_given(fitter, f, &fitter.whiten_residual(f, &f.noise))?;
     (-ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P).then_some(chi2 / dof)
 }
 
@@ -167,6 +162,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         noise_rms_mm: fitter.space.noise_rms_mm(&f.noise),
         with_unnamed_rms_mm: (generic_count > 0).then(|| rms(&f.residual)),
     };
+    let pairs: Vec<_> = (0..f.model.active.len()).map(|i| pair_instead(fitter, s, i)).collect();
     let untested = fitter
         .experiment
         .effects()
@@ -180,7 +176,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         noise_source: noise_source(fitter, layout, f),
         captures: layout.group_count(),
         observations: layout.values.len(),
-        effects: named_effects(fitter, s),
+        effects: named_effects(fitter, s, &pairs),
         unnamed,
         gap,
         places: places(fitter, &s.baseline, layout),
@@ -188,7 +184,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         outliers,
         untested,
         lack_of_fit_p: p,
-        doubts: doubts::of_answer(fitter, s),
+        doubts: doubts::of_answer(fitter, s, &pairs),
         residuals: Residuals {
             before_mm: s.baseline.residual.clone(),
             after_mm: named.residual.clone(),
@@ -219,7 +215,8 @@ fn noise_source(fitter: &Fitter, layout: &Layout, f: &Fitted) -> String {
     format!("{source}; {shared} as noise")
 }
 
-fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
+/// The named effects; `pairs` are the two names that could stand for each.
+fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -> Vec<NamedEffect> {
     let f = &s.fitted;
     let layout = fitter.experiment.layout();
     let stand_ins = stand_ins(fitter, s);
@@ -234,7 +231,7 @@ fn named_effects(fitter: &Fitter, s: &Selection) -> Vec<NamedEffect> {
     let gap = beside(&s.baseline.residual);
     let gap2 = gap.norm_squared().max(1e-300);
     let effects = fitter.experiment.effects();
-    let in_two = |i: usize| pair_instead(fitter, s, i).into_iter().flatten();
+    let in_two = |i: usize| pairs[i].into_iter().flatten();
     let mut named: Vec<NamedEffect> = f
         .model
         .active

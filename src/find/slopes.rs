@@ -20,12 +20,9 @@ const OTHER: f64 = 0.3;
 pub(crate) fn is_fall_off(look: &Look, circle: Circle) -> bool {
     let around: [Vector2<f64>; RAYS] = directions();
     let (center, radius) = (look.reduced(circle.center), circle.radius / look.factor as f64);
-    // Over the directions that see both radii.
     let slope = |[from, to]: [f64; 2]| {
         let [near, far] = [from, to].map(|r| waves::levels(look, center, r * radius, &around));
-        let steps = near.iter().zip(&far).map(|(a, b)| b - a).filter(|step| step.is_finite());
-        let (sum, count) = steps.fold((0.0, 0.0), |(sum, count), s| (sum + s, count + 1.0));
-        sum / count / (to - from)
+        waves::mean_step(&near, &far).0 / (to - from)
     };
     // Beyond the picture nothing is seen.
     let beside: Vec<f64> =

@@ -22,12 +22,11 @@ pub(crate) fn swings_beyond(look: &Look, circle: Circle, size: f64) -> usize {
     let (mut swings, mut up) = (0, None);
     for k in 1..=(BEYOND * radius) as usize {
         let now = waves::levels(look, center, radius + k as f64, &around);
-        let seen = before.iter().zip(&now).map(|(a, b)| b - a).filter(|step| step.is_finite());
-        let (sum, count) = seen.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
+        let (step, count) = waves::mean_step(&before, &now);
         if count < LEAST_SEEN * RAYS as f64 {
             break;
         }
-        level += sum / count;
+        level += step;
         before = now;
         (lowest, highest) = (lowest.min(level), highest.max(level));
         let turned = match up {

@@ -18,6 +18,13 @@ pub(super) fn levels<const RAYS: usize>(
     })
 }
 
+/// Mean step from levels to others over the directions that see both, and how many do.
+pub(super) fn mean_step(from: &[f64], to: &[f64]) -> (f64, f64) {
+    let seen = from.iter().zip(to).map(|(a, b)| b - a).filter(|step| step.is_finite());
+    let (sum, count) = seen.fold((0.0, 0.0), |(sum, count), step| (sum + step, count + 1.0));
+    (sum / count, count)
+}
+
 /// Mean square of each wave of levels all round from the `first`, the ones before it as 0.
 pub(super) fn powers<const RAYS: usize, const COUNT: usize>(
     levels: &[f64; RAYS],

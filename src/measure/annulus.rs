@@ -227,8 +227,7 @@ fn strayed(ring: &Ring, outer: &Candidate, view: &View) -> bool {
     /// Of the radius.
     const FAR: f64 = 0.12;
     const WHOLE: f64 = 0.85;
-    let found_mm =
-        outer.circle.radius * view.mm_per_px(outer.circle.center).determinant().abs().sqrt();
+    let found_mm = outer.circle.radius * view.pixel_mm_at(outer.circle.center);
     (ring.circle.radius / found_mm - 1.0).abs() > FAR && ring.arc_coverage < WHOLE
 }
 

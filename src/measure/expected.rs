@@ -330,7 +330,7 @@ pub(super) fn measure_candidate(
 pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
     let c = candidate.circle;
     let center = view.to_plane(c.center);
-    let radius = c.radius * view.mm_per_px(c.center).determinant().abs().sqrt();
+    let radius = c.radius * view.pixel_mm_at(c.center);
     let (mut inside, mut outside) = (0.9 * c.radius, 0.9 * c.radius);
     for o in others {
         let apart = o.circle.radius - c.radius;

@@ -242,7 +242,7 @@ fn finish(
     // Faint sectors are noise more than form: they count by what they know.
     let known: f64 = sectors.variance.iter().map(|v| 1.0 / v).sum();
     let form = residuals.iter().zip(&sectors.variance).map(|(r, v)| r * r / v).sum::<f64>() / known;
-    let pixel_mm = view.mm_per_px(view.to_pixel(center)).determinant().abs().sqrt();
+    let pixel_mm = view.pixel_mm_at(view.to_pixel(center));
     let seen_px = (about.radius + fit.beta[2]) / pixel_mm;
     let step = points.located.step;
     let blur_mm = blur_px(step.softness_px, seen_px) * pixel_mm;

@@ -300,7 +300,7 @@ impl Inside<'_> {
         let c = spot.circle;
         let rough = Circle {
             center: self.view.to_plane(c.center),
-            radius: c.radius * self.view.mm_per_px(c.center).determinant().abs().sqrt(),
+            radius: c.radius * self.view.pixel_mm_at(c.center),
         };
         let search = Search {
             reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),

@@ -196,7 +196,7 @@ mod tests {
         let only_x = Optics { tilt_deg: [10.0.into(), 0.0.into()], ..Optics::default() };
         let view = only_x.draw(&mut Dice::new(Path::new("s"), 1, 0)).unwrap();
         let view = view.calibration.view(1600, 1200).unwrap();
-        let size = |u: f64, v: f64| view.mm_per_px(Vector2::new(u, v)).determinant().abs().sqrt();
+        let size = |u: f64, v: f64| view.pixel_mm_at(Vector2::new(u, v));
         assert!((size(799.5, 0.0) / size(799.5, 1199.0) - 1.0).abs() > 0.05);
         assert!((size(0.0, 599.5) / size(1599.0, 599.5) - 1.0).abs() < 1e-9);
     }

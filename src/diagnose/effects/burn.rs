@@ -17,13 +17,8 @@ fn along(
     axes: &'static [usize],
     f: impl Fn(&Columns, usize) -> f64 + Send + Sync + 'static,
 ) {
-    let parameters = axes.iter().map(|a| Parameter::linear(names[*a], typical)).collect();
-    l.form(parameters, move |data, p, errors| {
-        for (row, e) in errors.iter_mut().enumerate() {
-            let size = f(data, row);
-            axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
-        }
-    });
+    let linear = axes.iter().map(|a| Parameter::linear(names[*a], typical));
+    added(l, linear.collect(), axes, move |data, row, _| f(data, row));
 }
 
 /// As [`along`], with a function that has a parameter of its form, and the values at which that is tried.
@@ -36,9 +31,19 @@ fn bent(
 ) {
     let linear = axes.iter().map(|a| Parameter::linear(names[*a], 0.01));
     let parameters = linear.chain([Parameter::shape(shape, grid)]).collect();
+    added(l, parameters, axes, move |data, row, p| f(data, row, p[axes.len()]));
+}
+
+/// A form that adds its first parameters times a function of the row and of all of them to an output each.
+fn added(
+    l: &mut L,
+    parameters: Vec<Parameter>,
+    axes: &'static [usize],
+    f: impl Fn(&Columns, usize, &[f64]) -> f64 + Send + Sync + 'static,
+) {
     l.form(parameters, move |data, p, errors| {
         for (row, e) in errors.iter_mut().enumerate() {
-            let size = f(data, row, p[axes.len()]);
+            let size = f(data, row, p);
             axes.iter().zip(p).for_each(|(a, p)| e[*a] += p * size);
         }
     });
