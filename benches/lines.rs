@@ -7,7 +7,7 @@ use std::hint::black_box;
 
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use pivotsight::align::apply::{Options, apply};
-use pivotsight::align::fit::{self, Touches};
+use pivotsight::align::{Touches, fit};
 use pivotsight::machine::Machine;
 use pivotsight::thermal::compensate::{self, Compensator};
 use pivotsight::thermal::simulate::Truth;

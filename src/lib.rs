@@ -17,6 +17,7 @@ pub mod cv;
 pub mod demo;
 pub mod diagnose;
 pub(crate) mod draw;
+pub(crate) mod earlier;
 pub(crate) mod edge;
 pub mod error;
 pub(crate) mod find;

@@ -76,6 +76,44 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// Checks them; what the input and the output hold, as said or by their names.
+    fn forms(&self, input: &Path, output: &Path) -> Result<(Form, Form)> {
+        if !(self.tolerance_mm.is_finite() && self.tolerance_mm > 0.0) {
+            return Err(Error::option(
+                "--tolerance-mm",
+                "is not above 0",
+                "give for example 0.005",
+            ));
+        }
+        if !(self.feed_mm_min.is_finite() && self.feed_mm_min > 0.0) {
+            return Err(Error::option("--feed-mm-min", "is not above 0", "give a feed"));
+        }
+        if self.decimals.is_some_and(|d| d > 12) {
+            return Err(Error::option("--decimals", "is out of range", "give 0 to 12"));
+        }
+        let from = self.from.or_else(|| Form::of_name(input)).ok_or_else(|| {
+            Error::option(
+                "--from",
+                format!("'{}' does not say what it holds", input.display()),
+                "give cl, apt or nc",
+            )
+        })?;
+        let to = self.to.or_else(|| Form::of_name(output)).unwrap_or(from);
+        if from == Form::Nc && to == Form::Apt {
+            return Err(Error::option("--to", "NC code is not turned into APT", "give nc or cl"));
+        }
+        if to == Form::Nc && self.decimals == Some(0) {
+            return Err(Error::option(
+                "--decimals",
+                "0 leaves no decimal point, and many controls read X12 as 12 increments",
+                "give 1 to 12",
+            ));
+        }
+        Ok((from, to))
+    }
+}
+
 /// What was done.
 #[derive(Debug, Clone, serde::Serialize, schemars::JsonSchema)]
 pub struct Report {
@@ -97,33 +135,7 @@ pub fn apply(
     output: &Path,
     options: &Options,
 ) -> Result<Report> {
-    if !(options.tolerance_mm.is_finite() && options.tolerance_mm > 0.0) {
-        return Err(Error::option("--tolerance-mm", "is not above 0", "give for example 0.005"));
-    }
-    if !(options.feed_mm_min.is_finite() && options.feed_mm_min > 0.0) {
-        return Err(Error::option("--feed-mm-min", "is not above 0", "give a feed"));
-    }
-    if options.decimals.is_some_and(|d| d > 12) {
-        return Err(Error::option("--decimals", "is out of range", "give 0 to 12"));
-    }
-    let from = options.from.or_else(|| Form::of_name(input)).ok_or_else(|| {
-        Error::option(
-            "--from",
-            format!("'{}' does not say what it holds", input.display()),
-            "give cl, apt or nc",
-        )
-    })?;
-    let to = options.to.or_else(|| Form::of_name(output)).unwrap_or(from);
-    if from == Form::Nc && to == Form::Apt {
-        return Err(Error::option("--to", "NC code is not turned into APT", "give nc or cl"));
-    }
-    if to == Form::Nc && options.decimals == Some(0) {
-        return Err(Error::option(
-            "--decimals",
-            "0 leaves no decimal point, and many controls read X12 as 12 increments",
-            "give 1 to 12",
-        ));
-    }
+    let (from, to) = options.forms(input, output)?;
     let motion = if options.inverse { alignment.motion().inverse() } else { alignment.motion() };
     let chain = machine.chain()?;
     let letters = chain.names().map(|n| n.letter());
@@ -154,22 +166,12 @@ pub fn apply(
             out.push_str(&format!("G21 G90 G94\nF{}\n", options.feed_mm_min));
         }
         loop {
-            bytes.clear();
-            let mut line = reader.by_ref().take(MOST_LINE);
-            if line.read_until(b'\n', &mut bytes).map_err(|e| Error::io(input, "read", e))? == 0 {
+            if !next_line(&mut reader, &mut bytes, input, lines + 1)? {
                 break;
             }
             lines += 1;
-            if bytes.len() as u64 == MOST_LINE {
-                let reason = format!("is longer than {MOST_LINE} bytes");
-                return Err(Error::field(input, Some(lines), "line", reason, "give a program"));
-            }
             windows = bytes.ends_with(b"\r\n") || windows && !bytes.ends_with(b"\n");
-            let text = std::str::from_utf8(&bytes).map_err(|_| {
-                Error::field(input, Some(lines), "text", "is not UTF-8", "save it as plain text")
-            })?;
-            let text = text.trim_end_matches(['\n', '\r']);
-            let text = if lines == 1 { text.trim_start_matches('\u{feff}') } else { text };
+            let text = text_of(&bytes, input, lines)?;
             let done = match from {
                 Form::Nc => mover.nc(lines, text, &mut Block::default(), &mut out),
                 Form::Cl | Form::Apt => mover.cl(lines, text, from, &mut out),
@@ -188,4 +190,30 @@ pub fn apply(
         writer.flush().map_err(|e| Error::io(output, "write", e))
     })?;
     Ok(Report { lines, from, to, log: mover.poster.log })
+}
+
+/// Reads a line with its end, whole; `false` where there is no more.
+fn next_line(
+    reader: &mut impl BufRead,
+    bytes: &mut Vec<u8>,
+    input: &Path,
+    number: u64,
+) -> Result<bool> {
+    bytes.clear();
+    let read = reader.take(MOST_LINE).read_until(b'\n', bytes);
+    read.map_err(|e| Error::io(input, "read", e))?;
+    if bytes.len() as u64 == MOST_LINE {
+        let reason = format!("is longer than {MOST_LINE} bytes");
+        return Err(Error::field(input, Some(number), "line", reason, "give a program"));
+    }
+    Ok(!bytes.is_empty())
+}
+
+/// A line's text without its end, nor the mark that a file may begin with.
+fn text_of<'b>(bytes: &'b [u8], input: &Path, number: u64) -> Result<&'b str> {
+    let text = std::str::from_utf8(bytes).map_err(|_| {
+        Error::field(input, Some(number), "text", "is not UTF-8", "save it as plain text")
+    })?;
+    let text = text.trim_end_matches(['\n', '\r']);
+    Ok(if number == 1 { text.trim_start_matches('\u{feff}') } else { text })
 }

@@ -2,11 +2,15 @@
 //!
 //! `Ry(B) Rx(A)` *levels the blank*; the path takes the inverse to come to lie on the tilted blank.
 
+mod alignment;
 pub mod apply;
 pub mod cl;
 pub mod fit;
 mod mover;
 pub mod nc;
 pub mod post;
+mod touches;
 
-pub use fit::{Alignment, fit};
+pub use alignment::Alignment;
+pub use fit::fit;
+pub use touches::Touches;

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::outfiles::OutFile;
 use super::{Global, Outcome, Status, place, result};
 use crate::align::apply::{self, Form};
-use crate::align::{self, Alignment, fit};
+use crate::align::{self, Alignment, Touches, fit};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::Document;
@@ -106,7 +106,7 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
         touch_u_mm: args.touch_u_mm,
     };
     let mut warnings = Vec::new();
-    let touches = fit::Touches::read(points)?;
+    let touches = Touches::read(points)?;
     let alignment =
         align::fit(&touches, &options, &mut warnings).map_err(|e| e.measured_in(points))?;
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));

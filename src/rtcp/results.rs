@@ -4,11 +4,10 @@ use std::path::Path;
 
 use nalgebra::{Rotation2, Vector2};
 use serde::Deserialize;
-use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::error::{Error, Result};
-use crate::input;
+use crate::earlier::Earlier;
+use crate::error::Result;
 use crate::machine::apart_deg;
 use crate::rtcp::session_file::OneOrTwo;
 use crate::uncertainty::{K95, Measured};
@@ -51,7 +50,8 @@ const MOST_ASTRAY_MM: f64 = 0.02;
 impl RodResult {
     /// Reads the file.
     pub fn read(path: &Path) -> Result<Self> {
-        shape(path, json(path, "rod")?)
+        let file = earlier(path, "rod");
+        file.shape(file.json()?)
     }
 
     /// The rod's centre at a table angle, seen from the C axis along X: as it was seen there, or where the table turns it to from the
@@ -91,12 +91,13 @@ impl BurnResult {
     /// Reads the file: of several pictures their mean where it was asked for, else the last, with a warning: it is taken for the
     /// test that ended the adjusting.
     pub fn read(path: &Path, warnings: &mut Vec<String>) -> Result<Self> {
-        let mut json = json(path, "burn")?;
+        let file = earlier(path, "burn");
+        let mut json = file.json()?;
         if let Some(mean) = json.get_mut("mean") {
-            return shape(path, mean.take());
+            return file.shape(mean.take());
         }
         let Some(results) = json.get_mut("results").and_then(Value::as_array_mut) else {
-            return shape(path, json);
+            return file.shape(json);
         };
         let count = results.len();
         let last = results.pop().unwrap_or_default();
@@ -108,29 +109,10 @@ impl BurnResult {
                 path.display()
             ));
         }
-        shape(path, last)
+        file.shape(last)
     }
 }
 
-/// A JSON file, which must be of a command where it says of which it is.
-fn json(path: &Path, command: &str) -> Result<Value> {
-    let fix = "write it with --format json --out FILE";
-    let text = input::text(path, input::MOST_SETTINGS)?;
-    let json: Value = serde_json::from_str(&text)
-        .map_err(|e| Error::file(path, format!("is not JSON ({e})"), fix))?;
-    let wanted = format!("pivotsight.{command}/1");
-    match json.get("schema") {
-        Some(schema) if *schema != *wanted => {
-            let reason = format!("is {schema}, not the {wanted} that this program reads");
-            Err(Error::file(path, reason, fix))
-        }
-        _ => Ok(json),
-    }
-}
-
-fn shape<T: DeserializeOwned>(path: &Path, json: Value) -> Result<T> {
-    serde_json::from_value(json).map_err(|e| {
-        let fix = "write it with --format json --out FILE";
-        Error::file(path, format!("is not the expected result ({e})"), fix)
-    })
+fn earlier<'p>(path: &'p Path, command: &'p str) -> Earlier<'p> {
+    Earlier { path, command, fix: "write it with --format json --out FILE" }
 }

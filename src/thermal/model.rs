@@ -5,8 +5,8 @@ use std::path::Path;
 use serde::{Deserialize, Serialize};
 
 use super::{head, screw};
+use crate::earlier::Earlier;
 use crate::error::{Error, Result};
-use crate::input;
 use crate::plot::{Figure, Panel};
 
 /// Head and screws together.
@@ -45,31 +45,22 @@ pub fn fit(
 impl Model {
     /// Reads a model file: the JSON result of `thermal fit`.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        let path = path.as_ref();
-        let text = input::text(path, input::MOST_SETTINGS)?;
-        let fail = |reason: String| {
-            Error::file(path, reason, "give the file that `thermal fit --out` wrote")
+        let file = Earlier {
+            path: path.as_ref(),
+            command: "thermal-fit",
+            fix: "give the file that `thermal fit --out` wrote",
         };
-        let mut json: serde_json::Map<String, serde_json::Value> =
-            serde_json::from_str(&text).map_err(|e| fail(format!("is no JSON object ({e})")))?;
-        if json.get("schema").and_then(|s| s.as_str()) != Some("pivotsight.thermal-fit/1") {
-            return Err(fail("is no thermal model".into()));
-        }
-        for key in ["schema", "version", "input", "warnings"] {
-            json.remove(key);
-        }
-        json.retain(|k, _| !k.starts_with("x_") && !k.starts_with("x-"));
-        let model: Self = serde_json::from_value(json.into()).map_err(|e| fail(e.to_string()))?;
+        let model: Self = file.result()?;
         if let Some(head) = &model.head {
             let numbered = head.coefficients.iter().all(|c| (1..=head.sensors).contains(&c.sensor));
             if !numbered || !head.sums.valid(head.sensors) {
-                return Err(fail("the head's sensors and sums do not fit together".into()));
+                return Err(file.wrong("the head's sensors and sums do not fit together"));
             }
         }
         for s in &model.screws {
             let [low, high] = s.range_mm;
             if !(s.t_max_c > s.t0_c && high >= low && s.noise_mm >= 0.0 && s.dof > 0.0) {
-                return Err(fail(format!(
+                return Err(file.wrong(format!(
                     "axis '{}': t_max_c must lie above t0_c, range_mm must rise, noise_mm and dof must not be negative",
                     s.axis
                 )));

@@ -1,0 +1,77 @@
+//! Where a probe touched a blank.
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use crate::error::{Error, Result};
+use crate::repeats;
+use crate::table::Table;
+
+/// Touches by kind.
+#[derive(Debug, Clone, Default)]
+pub struct Touches {
+    /// Points of the end face, machine mm.
+    pub(super) face: Vec<Vector3<f64>>,
+    /// Points of the two sides across X, and across Y.
+    pub(super) sides: [Vec<Vector3<f64>>; 2],
+    /// What a user should know of the file.
+    pub(super) warnings: Vec<String>,
+}
+
+impl Touches {
+    /// Reads `kind,x_mm,y_mm,z_mm`.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
+        Self::from_table(&Table::read(path, &["kind", "x_mm", "y_mm", "z_mm"], &[])?)
+    }
+
+    /// As [`Touches::read`], from a table.
+    pub fn from_table(table: &Table) -> Result<Self> {
+        let mut touches = Self::default();
+        for row in repeats::rows_once(table, &mut touches.warnings) {
+            let p = Vector3::new(
+                table.number(row, "x_mm")?,
+                table.number(row, "y_mm")?,
+                table.number(row, "z_mm")?,
+            );
+            let list = match table.text(row, "kind") {
+                "face" => &mut touches.face,
+                "side_x" => &mut touches.sides[0],
+                "side_y" => &mut touches.sides[1],
+                other => {
+                    let reason = format!("'{other}' is not known");
+                    return Err(table.error(row, "kind", reason, "write face, side_x or side_y"));
+                }
+            };
+            list.push(p);
+        }
+        if touches.face.len() < 3 {
+            let reason = format!("has {} face points", touches.face.len());
+            return Err(Error::file(
+                table.path(),
+                reason,
+                "touch the end face at three points or more",
+            ));
+        }
+        for (side, name) in touches.sides.iter().zip(["side_x", "side_y"]) {
+            if side.len() == 1 {
+                let fix = "touch both opposite sides";
+                return Err(Error::file(table.path(), format!("has one {name} point"), fix));
+            }
+        }
+        Ok(touches)
+    }
+
+    /// Standard uncertainty of a touch by its last digit alone: readings that agree to it tell no more.
+    pub(super) fn rounding_mm(&self) -> f64 {
+        let face = self.face.iter().map(|p| p.z);
+        let sides = self.sides.iter().enumerate().flat_map(|(i, s)| s.iter().map(move |p| p[i]));
+        let readings: Vec<f64> = face.chain(sides).collect();
+        let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
+        let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
+        COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
+    }
+}
+
+/// Last digits that readings may have been rounded to. Coarser ones are of round numbers, not of a probe.
+const COARSE_STEPS_MM: [f64; 3] = [0.01, 0.001, 0.0001];
