@@ -133,14 +133,16 @@ pub(super) fn places_and_form(
     warnings: &mut Vec<String>,
 ) {
     for c in captures.iter().filter(|c| c.edge_points == 0) {
-        let elsewhere = if c.residual_rms_mm > 0.0 {
-            format!(" (edges lie {:.4} mm off)", c.residual_mean_mm.abs())
+        let what = if c.residual_rms_mm > 0.0 {
+            let (mean_mm, rms_mm) = (c.residual_mean_mm.abs(), c.residual_rms_mm);
+            format!(
+                "its edge misses the rim of the other captures, by {mean_mm:.4} mm in the mean and {rms_mm:.4} mm rms"
+            )
         } else {
-            String::new()
+            "where the other captures put its rim there is none".to_owned()
         };
         warnings.push(format!(
-            "{}: left out: where the other captures put its rim there is none{elsewhere}: check the picture, its x_mm, \
-             y_mm and c_deg",
+            "{}: left out: {what}: check the picture, its x_mm, y_mm and c_deg",
             c.image
         ));
     }
@@ -287,10 +289,29 @@ pub(super) fn arcs_seen(
 
 /// Says so where an edge farther out may be the rim.
 pub(super) fn fainter_rim(fainter_mm: Option<f64>, options: &Options, warnings: &mut Vec<String>) {
-    if let (Some(radius_mm), None) = (fainter_mm, options.diameter_mm) {
+    let Some(radius_mm) = fainter_mm else { return };
+    let outer_mm = 2.0 * radius_mm;
+    warnings.push(match options.diameter_mm {
+        None => format!(
+            "some captures show a fainter edge farther out, near diameter {outer_mm:.2} mm: if that is the rod's rim, give --diameter-mm"
+        ),
+        Some(nominal_mm) => format!(
+            "the edge nearest to {nominal_mm} mm was taken; there is a clear one outside it, near diameter {outer_mm:.2} mm: if that is \
+             the rod's rim, the nominal diameter is a chamfer's"
+        ),
+    });
+}
+
+/// Says so where the rim is faint beside an edge inside it, and no nominal diameter tells which of them is the rod's.
+pub(super) fn stronger_edge(
+    stronger_mm: Option<f64>,
+    options: &Options,
+    warnings: &mut Vec<String>,
+) {
+    if let (Some(radius_mm), None) = (stronger_mm, options.diameter_mm) {
         warnings.push(format!(
-            "some captures show a fainter edge farther out, near diameter {:.2} mm: if that is the rod's rim, give \
-             --diameter-mm",
+            "the rim is faint beside an edge inside it, at diameter {:.2} mm: that may be its chamfer's, or this one a reflection on the \
+             table; --diameter-mm tells which is meant",
             2.0 * radius_mm
         ));
     }

@@ -65,7 +65,7 @@ impl<'a> Attempts<'a> {
     pub(super) fn named(&self) -> Option<Found> {
         const CENTERS: usize = 3;
         let radius = 0.5 * self.nominal_mm?;
-        let rough = Circle { radius, ..self.rough(None)? };
+        let rough = Circle { radius, ..self.rough(self.seen(None))? };
         let likely = outer::likely(self.seen(None), rough);
         let mut found = likely.into_iter().take(CENTERS).filter_map(|about| self.rim(about));
         found.find(|found| (found.radius_mm - radius).abs() < outer::NAMED_WITHIN * radius)
@@ -77,6 +77,13 @@ impl<'a> Attempts<'a> {
         let radius_mm = 0.5 * measured.diameter_mm;
         let seen = self.nominal_mm.is_none().then(|| self.seen(None))?;
         outer::just_outside(seen, centers, radius_mm)
+    }
+
+    /// The rim that all captures but one show: one whose position is wrong may lead all astray.
+    pub(super) fn without(&self, capture: usize) -> Option<Found> {
+        let seen = Captures { without: Some(capture), ..self.seen(None) };
+        let about = *outer::likely(seen, self.rough(seen)?).first()?;
+        outer::rim(seen, about, self.nominal_mm)
     }
 
     /// The circle at each of several table angles found by itself: a rod far off the axis shows no common one. `None` where one
@@ -114,19 +121,19 @@ impl<'a> Attempts<'a> {
 
     /// Likely circles in the captures of one table angle `only` or in all.
     fn likely_in(&self, only: Option<usize>) -> Vec<Circle> {
-        self.rough(only).map_or_else(Vec::new, |rough| outer::likely(self.seen(only), rough))
+        let seen = self.seen(only);
+        self.rough(seen).map_or_else(Vec::new, |rough| outer::likely(seen, rough))
     }
 
     /// The circle about which most edges gather.
-    fn rough(&self, only: Option<usize>) -> Option<Circle> {
-        let asked = self.voters.iter().zip(self.angle_of);
-        let asked = asked.filter(|(_, angle)| only.is_none_or(|only| **angle == only));
-        let voters: Vec<Voter> = asked.flat_map(|(own, _)| own).copied().collect();
+    fn rough(&self, seen: Captures) -> Option<Circle> {
+        let asked = self.voters.iter().enumerate().filter(|(i, _)| seen.has(*i));
+        let voters: Vec<Voter> = asked.flat_map(|(_, own)| own).copied().collect();
         seek::rim(&voters, self.captures.len(), self.bounds_mm)
     }
 
     fn seen(&self, only: Option<usize>) -> Captures<'_> {
         let Self { captures, angle_of, frames, .. } = *self;
-        Captures { captures, angle_of, frames, only }
+        Captures { captures, angle_of, frames, only, without: None }
     }
 }

@@ -21,6 +21,8 @@ pub(super) struct Sources<'f> {
     pub rim_mm: f64,
     /// Standard uncertainty, each axis, of what the light's slope does to all centres.
     pub light_mm: f64,
+    /// Standard uncertainty, each axis, of what turning lines out of centre do.
+    pub lines_mm: f64,
 }
 
 impl Sources<'_> {
@@ -39,6 +41,7 @@ impl Sources<'_> {
             diameter.push((source, 2.0 * part[2].max(0.0).sqrt()));
         }
         axis.push(("light's slope".to_owned(), self.light_mm));
+        axis.push(("turning lines".to_owned(), self.lines_mm));
         diameter.push(("the rim's profile".to_owned(), 2.0 * (1.0 - nominal_weight) * self.rim_mm));
         diameter.push(("nominal diameter".to_owned(), 2.0 * nominal_weight * nominal_u_mm));
         let [x, y] = axis_u95_mm;

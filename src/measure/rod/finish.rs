@@ -14,6 +14,10 @@ use crate::fit::correlated::Fit;
 use crate::measure::points::Points;
 use crate::uncertainty::{self, k95};
 
+/// How far turning lines move the rim to one side, as a part of how far they may move it all round: they are cut about a spindle's
+/// centre, a few hundredths of their pitch beside the rod's.
+const LINES_OFF_CENTRE: f64 = 0.1;
+
 /// The answer from a rim's edge in all captures.
 pub(super) fn finish(
     captures: &[Capture],
@@ -47,36 +51,17 @@ pub(super) fn finish(
         rod.take_radius(&axis.known);
     }
     let form = agreement::seen_again(arcs, robust, c_deg, options.c_sense) * wander(fit, &rod);
+    let lines_mm = turned_mm(arcs);
     let rim_mm = mean(arcs, |p| joint::RADIUS_PX.hypot(p.located.step.rim_sd_px) * p.pixel_mm)
-        .hypot(turned_mm(arcs));
+        .hypot(lines_mm);
+    // Seen at one table angle, the rod's centre is the axis: with more, lines out of centre turn with the rod.
+    let off_mm = if angles > 1 { 0.0 } else { LINES_OFF_CENTRE * lines_mm };
+    (0..2).for_each(|i| rod.covariance[(i, i)] += off_mm * off_mm);
     let mut all = vec![&mut rod];
     all.extend(axis.as_mut().map(|axis| &mut axis.known));
     all.iter_mut().for_each(|known| known.widen_radius(form + rim_mm * rim_mm));
-    let mut nominal = None;
-    if let Some(d) = options.diameter_mm {
-        // The nominal radius as one more observation.
-        let variance = (0.5 * options.diameter_u_mm).powi(2);
-        let total = all[0].radius_variance() + variance;
-        if (0.5 * d - all[0].radius()).abs() > 3.0 * total.sqrt() {
-            warnings.push(format!(
-                "the rod measures {:.4} mm, not the nominal {d} mm: the nominal value was not used",
-                2.0 * all[0].radius()
-            ));
-        } else {
-            nominal = Some((all[0].radius_variance() / total, variance.sqrt()));
-            all.iter_mut().for_each(|known| known.observe_radius(0.5 * d, variance));
-        }
-    }
-    let factor = k95(fit.dof);
-    let centers = centers(&rod, angles);
-    let u = |i: usize| factor * rod.covariance[(i, i)].max(0.0).sqrt();
-    let rod_centers = (0..angles)
-        .map(|a| RodCenter {
-            c_deg: c_deg[a],
-            center_mm: centers[a].into(),
-            center_u95_mm: [u(2 * a), u(2 * a + 1)],
-        })
-        .collect();
+    let nominal = take_nominal(&mut all, options, &mut warnings);
+    let (centers, rod_centers) = (centers(&rod, angles), rod_centers(&rod, c_deg, k95(fit.dof)));
     let (axis_center, axis_u95) = match &axis {
         Some(axis) => {
             let u95 = |i| k95(axis.dof_of(i)) * axis.known.covariance[(i, i)].max(0.0).sqrt();
@@ -87,7 +72,7 @@ pub(super) fn finish(
                 "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it"
                     .to_owned(),
             );
-            (centers[0], [u(0), u(1)])
+            (centers[0], rod_centers[0].center_u95_mm)
         }
     };
     let radius = rod.radius();
@@ -107,6 +92,7 @@ pub(super) fn finish(
         nominal,
         rim_mm,
         light_mm: (0.5 * shift.covariance.trace()).sqrt(),
+        lines_mm: off_mm,
     };
     let budget = sources.budget(axis_u95, diameter_u95_mm);
     let circles =
@@ -153,6 +139,42 @@ fn free(fit: &Fit, robust: &Joint, shift: &Shift, blur_mm: f64) -> Known {
     }
     known.values[n - 1] += robust.radius + blur_mm;
     known
+}
+
+/// The nominal radius as one more observation: its weight and standard uncertainty, where the edges do not speak against it.
+fn take_nominal(
+    all: &mut [&mut Known],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Option<(f64, f64)> {
+    let nominal_mm = options.diameter_mm?;
+    let variance = (0.5 * options.diameter_u_mm).powi(2);
+    let total = all[0].radius_variance() + variance;
+    if (0.5 * nominal_mm - all[0].radius()).abs() > 3.0 * total.sqrt() {
+        warnings.push(not_nominal(2.0 * all[0].radius(), nominal_mm));
+        return None;
+    }
+    let weight = all[0].radius_variance() / total;
+    all.iter_mut().for_each(|known| known.observe_radius(0.5 * nominal_mm, variance));
+    Some((weight, variance.sqrt()))
+}
+
+/// The warning about a nominal diameter that the edges speak against.
+pub(super) fn not_nominal(diameter_mm: f64, nominal_mm: f64) -> String {
+    format!(
+        "the rod measures {diameter_mm:.4} mm, not the nominal {nominal_mm} mm: the nominal value was not used; if it is right, another edge than the rim's was measured"
+    )
+}
+
+/// The rod's centre at each table angle.
+fn rod_centers(rod: &Known, c_deg: &[f64], factor: f64) -> Vec<RodCenter> {
+    let u95 = |i: usize| factor * rod.covariance[(i, i)].max(0.0).sqrt();
+    let center = |(a, &c_deg): (usize, &f64)| RodCenter {
+        c_deg,
+        center_mm: rod.pair(2 * a).into(),
+        center_u95_mm: [u95(2 * a), u95(2 * a + 1)],
+    };
+    c_deg.iter().enumerate().map(center).collect()
 }
 
 fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {

@@ -64,14 +64,14 @@ pub fn measure(
 ) -> Result<Measured> {
     check(options)?;
     use rayon::prelude::*;
-    let read: Vec<((Frame, View), Option<&str>)> = captures
+    let read: Vec<((Frame, View), Vec<String>)> = captures
         .par_iter()
         .map(|c| {
             let picture = Picture::read(&c.path)?;
             let (w, h) = picture.size();
             let view = calibration.view_of(&c.image, w, h)?;
-            let doubt = picture.doubt();
-            Ok(((calibration.linear(picture.into_frame(options.channel)), view), doubt))
+            let doubts = picture.doubts().collect();
+            Ok(((calibration.linear(picture.into_frame(options.channel)), view), doubts))
         })
         .collect::<Vec<_>>()
         // The first that fails is named, whichever was read first.
@@ -81,8 +81,10 @@ pub fn measure(
     let mut measured = measure_frames(captures, &frames, options)?;
     let sizes = frames.iter().map(|(frame, _)| (frame.width(), frame.height()));
     let sizes = captures.iter().map(|c| c.image.as_str()).zip(sizes);
-    let doubts = captures.iter().zip(doubts).filter_map(|(c, doubt)| Some((&c.image, doubt?)));
-    measured.report.warnings.extend(doubts.map(|(image, doubt)| format!("{image}: {doubt}")));
+    for (capture, doubts) in captures.iter().zip(doubts) {
+        let told = doubts.into_iter().map(|doubt| format!("{}: {doubt}", capture.image));
+        measured.report.warnings.extend(told);
+    }
     measured.report.warnings.extend(calibration.doubt());
     measured.report.warnings.extend(units::sizes(sizes));
     if let Some(laser) = &calibration.laser {
@@ -122,6 +124,8 @@ pub fn check(options: &Options) -> Result<()> {
 /// Rims that wander by more may be edges of two circles, if those of another wander by less than this part of it.
 const DOUBTFUL_MM: f64 = 0.003;
 const CLEARER: f64 = 0.5;
+/// Captures from which on any one of them may be the wrong one.
+const LEAST_WITHOUT: usize = 5;
 /// Other centres that are tried then.
 const OTHERS: usize = 2;
 
@@ -144,6 +148,7 @@ pub fn measure_frames(
         let followed = follow(captures, frames, found, &angle_of)?;
         let mut measured = finish(captures, options, &c_deg, &angle_of, &followed)?;
         agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
+        agreement::stronger_edge(found.stronger_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
     let measure = |found: Found| -> Result<Measured> {
@@ -167,6 +172,18 @@ pub fn measure_frames(
             best = Ok(other);
         }
     }
+    // One at a wrong position is left out once the others have shown where the rim is.
+    let alone = if captures.len() >= LEAST_WITHOUT { captures.len() } else { 0 };
+    for capture in 0..alone {
+        if best.is_ok() {
+            break;
+        }
+        if let Some(Ok(other)) = attempts.without(capture).map(&measure)
+            && !doubtful(&other)
+        {
+            best = Ok(other);
+        }
+    }
     if let Some(nominal_mm) = options.diameter_mm {
         let meets = |m: &Measured| options.is_nominal(m.report.diameter_mm);
         if !best.as_ref().is_ok_and(meets) {
@@ -182,9 +199,17 @@ pub fn measure_frames(
             }
         }
     }
-    best.map(|best| {
-        let outer = attempts.just_outside(&best.report);
-        let outer = outer.and_then(|found| measure_at(&found).ok()).filter(|m| !doubtful(m));
-        outer.unwrap_or(best)
-    })
+    let best = best?;
+    if let Some(nominal_mm) = options.diameter_mm
+        && !options.is_nominal(best.report.diameter_mm)
+    {
+        // What is not believed may not have led to an edge near it either.
+        let unled = Options { diameter_mm: None, ..options.clone() };
+        let mut free = measure_frames(captures, frames, &unled)?;
+        free.report.warnings.push(finish::not_nominal(free.report.diameter_mm, nominal_mm));
+        return Ok(free);
+    }
+    let outer = attempts.just_outside(&best.report);
+    let outer = outer.and_then(|found| measure_at(&found).ok()).filter(|m| !doubtful(m));
+    Ok(outer.unwrap_or(best))
 }

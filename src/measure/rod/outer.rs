@@ -55,32 +55,41 @@ pub(super) struct Found {
     pub radius_mm: f64,
     /// Radius of the next edge inside.
     pub inner_mm: Option<f64>,
-    /// Radius of an edge farther out that fewer captures show, or all of them more faintly.
+    /// Radius of an edge farther out that fewer captures show, or all of them more faintly; or that is clear, but not of the nominal size.
     pub fainter_mm: Option<f64>,
     /// Whether most of them show it.
     pub is_common: bool,
+    /// Radius of an edge inside beside which this one is faint: a chamfer's, or this one is no rim.
+    pub stronger_mm: Option<f64>,
 }
 
 impl Found {
     /// The fainter edge, where most captures show it: of two concentric edges the outer is the rod's.
     pub(super) fn common_rim(&self) -> Option<Self> {
         let radius_mm = self.fainter_mm.filter(|_| self.is_common)?;
-        let inner_mm = Some(self.radius_mm);
+        let inside = Some(self.radius_mm);
         let centers = self.centers.clone();
-        Some(Self { centers, radius_mm, inner_mm, fainter_mm: None, is_common: false })
+        let (inner_mm, stronger_mm) = (inside, inside);
+        Some(Self { centers, radius_mm, inner_mm, fainter_mm: None, is_common: false, stronger_mm })
     }
 }
 
-/// The captures in which a circle is looked for: of one table angle, or all.
+/// The captures in which a circle is looked for: of one table angle, or all, or all but one.
 #[derive(Clone, Copy)]
 pub(super) struct Captures<'a> {
     pub captures: &'a [Capture],
     pub angle_of: &'a [usize],
     pub frames: &'a [(Frame, View)],
     pub only: Option<usize>,
+    pub without: Option<usize>,
 }
 
 impl Captures<'_> {
+    /// Whether a capture is one of those.
+    pub fn has(&self, capture: usize) -> bool {
+        self.only.is_none_or(|only| self.angle_of[capture] == only) && self.without != Some(capture)
+    }
+
     fn pixel_mm(&self) -> f64 {
         self.frames.iter().map(|(_, v)| v.pixel_mm()).sum::<f64>() / self.frames.len() as f64
     }
@@ -93,10 +102,9 @@ impl Captures<'_> {
     /// The steps of brightness about a circle in machine coordinates.
     fn sights(&self, about: Circle, bin_mm: f64) -> Vec<Sight> {
         let pixel_mm = self.pixel_mm();
-        let each = self.captures.par_iter().zip(self.angle_of).zip(self.frames);
-        let asked = each.filter(|((_, angle), _)| self.only.is_none_or(|only| **angle == only));
-        asked
-            .filter_map(|((capture, &angle), (frame, view))| {
+        let each = self.captures.par_iter().zip(self.angle_of).zip(self.frames).enumerate();
+        each.filter(|(i, _)| self.has(*i))
+            .filter_map(|(_, ((capture, &angle), (frame, view)))| {
                 let about = Circle { center: about.center - capture.position_mm, ..about };
                 Sight::new(frame, view, about, [pixel_mm, bin_mm], angle)
             })
@@ -149,7 +157,8 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let outer = named.or(peaks.last().copied())?;
     let gap = (CHAMFER_MM / bin_mm).ceil() as usize;
     let inner = peaks.iter().copied().rfind(|&b| b + gap <= outer);
-    let fainter = peaks_above(FAINTER).into_iter().rfind(|&b| b >= outer + gap);
+    let share = if named.is_some() { SUPPORTED } else { FAINTER };
+    let fainter = peaks_above(share).into_iter().rfind(|&b| b >= outer + gap);
     let common = if nominal_mm.is_none() { all.common_step(shift, outer) } else { None };
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;
@@ -166,6 +175,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         inner_mm: inner.map(radius_mm),
         fainter_mm: common.or(fainter).map(radius_mm),
         is_common: common.is_some(),
+        stronger_mm: all.stronger_inside(shift, outer, gap).map(radius_mm),
     })
 }
 
@@ -196,6 +206,7 @@ pub(super) fn just_outside(
         inner_mm: Some(radius_mm),
         fainter_mm: None,
         is_common: false,
+        stronger_mm: None,
     })
 }
 
@@ -277,6 +288,21 @@ impl Search<'_> {
         let next = most(&mut (clear / 2..steps.len()).filter(|i| i.abs_diff(best) > gap))?;
         (steps[best] > LEAST && steps[best] > OTHERS * steps[next])
             .then_some(outer + gap / 2 + best)
+    }
+
+    /// The strongest edge that lies `gap` bins and more inside one, where that one is faint beside it.
+    fn stronger_inside(&self, shift: Vector2<f64>, outer: usize, gap: usize) -> Option<usize> {
+        /// How many times as strong.
+        const STRONGER: f32 = 3.0;
+        let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
+        for (sight, own) in self.sights.iter().zip(&mut each) {
+            sight.step(shift, self.bin_mm, own);
+        }
+        let step = |b: usize| median(each.iter().map(|own| own[b].abs()).collect());
+        let inside = 0..outer.checked_sub(gap)?;
+        let (strongest, most) = inside.map(|b| (b, step(b))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let own = (outer - 1..=outer + 1).map(step).fold(0.0, f32::max);
+        (most > STRONGER * own).then_some(strongest)
     }
 
     /// The shift near `start` under which the captures agree best on circles in these bins.

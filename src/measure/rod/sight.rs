@@ -28,7 +28,8 @@ pub(super) struct Sight {
     pub(super) bins: usize,
     /// Direction of each sector from the centre.
     toward: Vec<Vector2<f64>>,
-    /// Step at each bin of each sector, in its standard deviation; and the same, smeared for a first look.
+    /// Step at each bin of each sector, counts; in its standard deviation, turned down where it is loud; and that smeared for a first look.
+    counts: Vec<f32>,
     sharp: Vec<f32>,
     smeared: Vec<f32>,
 }
@@ -51,8 +52,9 @@ impl Sight {
             .iter()
             .map(|&a| (view.to_plane(contour.point(a, 0.0)) - about.center).normalize())
             .collect();
-        let sharp = steps(&profiles);
         let bins = profiles.bins;
+        let counts = steps(&profiles);
+        let sharp = turned_down(counts.clone(), bins);
         let smeared = sharp.chunks(bins).flat_map(smear).collect();
         let inside_mm = inside_px * pixel_mm;
         (sharp.iter().any(|s| *s != 0.0)).then_some(Self {
@@ -60,16 +62,30 @@ impl Sight {
             inside_mm,
             bins,
             toward,
+            counts,
             sharp,
             smeared,
         })
     }
 
+    /// Step of brightness across a circle about the shifted centre, for every radius, counts.
+    pub(super) fn step(&self, shift: Vector2<f64>, bin_mm: f64, out: &mut [f32]) {
+        self.add(&self.counts, shift, bin_mm, out);
+        let scale = 1.0 / self.toward.len() as f32;
+        out.iter_mut().for_each(|o| *o *= scale);
+    }
+
     /// How clearly a circle about the shifted centre is an edge of this capture, for every radius: the mean of the
     /// sectors' steps, in standard errors.
     pub(super) fn evidence(&self, shift: Vector2<f64>, fine: bool, bin_mm: f64, out: &mut [f32]) {
+        self.add(if fine { &self.sharp } else { &self.smeared }, shift, bin_mm, out);
+        let scale = 1.0 / (self.toward.len() as f32).sqrt();
+        out.iter_mut().for_each(|o| *o *= scale);
+    }
+
+    /// Sums of the sectors' steps about the shifted centre.
+    fn add(&self, steps: &[f32], shift: Vector2<f64>, bin_mm: f64, out: &mut [f32]) {
         out.fill(0.0);
-        let steps = if fine { &self.sharp } else { &self.smeared };
         for (row, toward) in steps.chunks(self.bins).zip(&self.toward) {
             let offset = nearest(toward.dot(&shift) / bin_mm);
             let (from, to) = (offset.max(0) as usize, (-offset).max(0) as usize);
@@ -77,8 +93,6 @@ impl Sight {
                 *o += s;
             }
         }
-        let scale = 1.0 / (self.toward.len() as f32).sqrt();
-        out.iter_mut().for_each(|o| *o *= scale);
     }
 }
 
@@ -87,8 +101,7 @@ fn nearest(x: f64) -> isize {
     (x + 0.5f64.copysign(x)) as isize
 }
 
-/// Step across every bin of every sector, in standard deviations of the steps of this capture. What is louder than it may be is
-/// turned down with all about it: cut off, a clear rim and a clear chamfer's edge near it would be one broad step.
+/// Step across every bin of every sector, counts.
 fn steps(profiles: &Profiles) -> Vec<f32> {
     let bins = profiles.bins;
     let mut list = vec![0.0f32; profiles.count.len()];
@@ -106,6 +119,12 @@ fn steps(profiles: &Profiles) -> Vec<f32> {
             }
         }
     }
+    list
+}
+
+/// Steps in standard deviations of all of a capture's. What is louder than it may be is turned down with all about it: cut off, a
+/// clear rim and a clear chamfer's edge near it would be one broad step.
+fn turned_down(mut list: Vec<f32>, bins: usize) -> Vec<f32> {
     let mut sizes: Vec<f32> = list.iter().map(|s| s.abs()).filter(|s| *s > 0.0).collect();
     if sizes.is_empty() {
         return list;
