@@ -20,6 +20,10 @@ const ABSURD: f64 = 50.0;
 /// What is ruled out on the grid of its lags by no more than this may not be between them, nats.
 const BETWEEN: f64 = 4.0;
 
+/// How many times what an effect is likelier beforehand is needed to rule it out: a cause that is seen in the data is there, and only
+/// its form is not known.
+const SEEN: f64 = 3.0;
+
 /// Two names instead of one are as likely if they are less so by no more, nats.
 const LESS_LIKELY: f64 = 1.0;
 
@@ -66,7 +70,9 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 if here || too_large || taken(a.effect) || s.evidence <= 0.0 {
                     continue;
                 }
-                let (mut deficit, most) = (own.evidence - s.evidence, ruled_out(fitter));
+                let beforehand = fitter.experiment.effects()[a.effect].beforehand;
+                let most = ruled_out(fitter) + SEEN * beforehand;
+                let mut deficit = own.evidence - s.evidence;
                 if (most..most + BETWEEN).contains(&deficit) {
                     deficit -= refined(fitter, selection, i, &standing, &s);
                 }
@@ -93,7 +99,9 @@ pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<
     let f = &selection.fitted;
     let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
     let own = own.filter(|own| own.rank >= 2)?;
-    let free = |effect: usize| !f.model.active.iter().any(|a| a.effect == effect);
+    // Itself in a plainer form may be one of the two.
+    let others = f.model.active.iter().enumerate().filter(|(k, _)| *k != i);
+    let free = |effect: usize| !others.clone().any(|(_, a)| a.effect == effect);
     let pairs = best_pairs(fitter, f, &standing, &selection.library, &free, &|_| false);
     let as_good = |pair: &Score| pair.rank <= own.rank && pair.evidence >= own.evidence;
     let (_, pair) = pairs.into_iter().find(|(pair, _)| as_good(pair))?;

@@ -106,12 +106,12 @@ impl Selection {
                 (false, _) => own + LEAST_GAIN,
             };
             for (s, pair) in best_pairs(fitter, f, &standing, &self.library, &free, &is_it) {
-                // That a single name stays, beside a second one, is for the next addition to say.
+                // That a single name stays in its form, beside a second one, is for the next addition to say.
                 let one = match gone {
-                    [Part::Effect(i)] => Some(f.model.active[*i].effect),
+                    [Part::Effect(i)] => Some(&f.model.active[*i]),
                     _ => None,
                 };
-                let stays = |who: &Who| matches!(who, Who::Effect(a) if Some(a.effect) == one);
+                let stays = |who: &Who| matches!((who, one), (Who::Effect(a), Some(one)) if (a.effect, a.form) == (one.effect, one.form));
                 if !pair.iter().any(stays) {
                     let least = if is_it(&s) { LEAST_GAIN } else { f64::MIN };
                     consider((s.evidence - SECOND_NAME - own).max(least), &pair.each_ref());

@@ -2,6 +2,8 @@
 
 use std::borrow::Cow;
 
+use nalgebra::DMatrix;
+
 /// A parameter of an effect or of the baseline.
 #[derive(Debug, Clone)]
 pub struct Parameter {
@@ -196,6 +198,27 @@ pub trait Experiment {
     fn with_plan(&self, extra: &[PlannedCapture]) -> Box<dyn Experiment>;
     /// Captures the machine could take next, for `next_measurement`.
     fn proposals(&self) -> Vec<PlannedCapture>;
+}
+
+/// d(prediction)/d(each size of an effect), mm per unit, at a point where all of its sizes are nil; `base` is the prediction without it.
+pub fn size_columns(
+    experiment: &dyn Experiment,
+    nuisances: &[f64],
+    base: &[f64],
+    at: &Active,
+) -> DMatrix<f64> {
+    let parameters = &experiment.effects()[at.effect].forms[at.form];
+    let sizes: Vec<usize> =
+        (0..parameters.len()).filter(|&i| parameters[i].grid.is_empty()).collect();
+    let mut columns = DMatrix::zeros(base.len(), sizes.len());
+    for (mut column, &i) in columns.column_iter_mut().zip(&sizes) {
+        let step = 1e-3 * parameters[i].typical;
+        let mut moved = at.clone();
+        moved.values[i] += step;
+        let forward = experiment.predict(nuisances, &[moved]);
+        column.iter_mut().zip(forward.iter().zip(base)).for_each(|(d, (f, b))| *d = (f - b) / step);
+    }
+    columns
 }
 
 /// A capture that could be taken: column names with values.

@@ -61,6 +61,8 @@ const VALUES_TO_A_CYCLE: f64 = 4.0;
 const PRODUCT_ORDER: u32 = 3;
 /// Products of orders that add up to no more than one above that.
 const PRODUCTS: f64 = 6.0;
+/// Places of a step tried between two of the dictionary's, at most.
+const MOST_PLACES: usize = 64;
 /// Highest polynomial degree tried.
 pub(super) const DEGREES: u32 = 4;
 
@@ -152,8 +154,11 @@ impl Term {
                 let here = distinct.partition_point(|v| *v <= at);
                 // One or two values far off at the end are outliers.
                 let margin = if distinct.len() > 4 * STEP_BESIDE { STEP_BESIDE } else { 1 };
+                let first = here.saturating_sub(reach).max(margin);
                 let last = (here + reach).min(distinct.len() - margin);
-                (here.saturating_sub(reach).max(margin)..last + 1)
+                let stride = (last + 1).saturating_sub(first).div_ceil(MOST_PLACES).max(1);
+                (first..last + 1)
+                    .step_by(stride)
                     .map(|i| Shape::Step(0.5 * (distinct[i - 1] + distinct[i])))
                     .collect()
             }

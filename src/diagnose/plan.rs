@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
-use crate::diagnose::experiment::{Active, Experiment};
+use crate::diagnose::experiment::{Active, EffectInfo, Experiment, Parameter, size_columns};
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::noise::{Noise, Space};
 use crate::diagnose::report::Detectable;
@@ -15,6 +15,8 @@ use crate::error::{Error, Result};
 const SEEN: f64 = 5.4;
 /// Signatures this parallel cannot be told apart at ordinary sizes.
 const ALIAS: f64 = 0.98;
+/// Why an effect is untestable that the baseline's parameters stand for.
+const ABSORBED: &str = "the baseline absorbs it on this plan";
 
 /// The least detectable size of each effect's simplest form, and its aliases.
 pub fn detectable(experiment: &dyn Experiment, noise_mm: f64) -> Result<Vec<Detectable>> {
@@ -46,60 +48,53 @@ pub fn detectable(experiment: &dyn Experiment, noise_mm: f64) -> Result<Vec<Dete
     let mut spans: Vec<Option<DMatrix<f64>>> = Vec::new();
     for (effect, info) in experiment.effects().iter().enumerate() {
         let name = info.name.to_string();
-        let empty = |why: String| Detectable {
-            name: name.clone(),
-            untestable: Some(why),
-            least: BTreeMap::new(),
-            aliases: Vec::new(),
-        };
-        if let Some(why) = &info.untestable {
-            list.push(empty(why.clone()));
-            spans.push(None);
-            continue;
-        }
-        let form = &info.forms[0];
-        let values: Vec<f64> =
-            form.iter().map(|p| p.grid.get(p.grid.len() / 2).copied().unwrap_or(0.0)).collect();
-        let linear: Vec<usize> = (0..form.len()).filter(|i| form[*i].grid.is_empty()).collect();
-        let mut columns = DMatrix::zeros(predicted.len(), linear.len());
-        for (c, &i) in linear.iter().enumerate() {
-            let step = 1e-3 * form[i].typical;
-            let mut moved = values.clone();
-            moved[i] += step;
-            let forward =
-                experiment.predict(&base.nuisances, &[Active { effect, form: 0, values: moved }]);
-            for (r, (f, p)) in forward.iter().zip(&predicted).enumerate() {
-                columns[(r, c)] = (f - p) / step;
+        let (untestable, least, span) = if let Some(why) = &info.untestable {
+            (Some(why.clone()), BTreeMap::new(), None)
+        } else {
+            let at = simplest(effect, info);
+            let columns = size_columns(experiment, &base.nuisances, &predicted, &at);
+            let white = fitter.whiten(&columns, &noise);
+            let left = &white - &basis * basis.tr_mul(&white);
+            if is_absorbed(&white, &left) {
+                (Some(ABSORBED.to_owned()), BTreeMap::new(), None)
+            } else {
+                let sizes = info.forms[0].iter().filter(|p| p.grid.is_empty());
+                let least = sizes
+                    .zip(left.column_iter())
+                    .map(|(p, seen)| (p.name.to_string(), SEEN / seen.norm().max(1e-300)))
+                    .collect();
+                (None, least, Some(orthonormal(&left, 1e-4)))
             }
-        }
-        let white = fitter.whiten(&columns, &noise);
-        let left = &white - &basis * basis.tr_mul(&white);
-        let hidden =
-            (0..linear.len()).all(|c| left.column(c).norm() < 3e-3 * white.column(c).norm());
-        if hidden {
-            list.push(empty("the baseline absorbs it on this plan".into()));
-            spans.push(None);
-            continue;
-        }
-        let least = linear
-            .iter()
-            .enumerate()
-            .map(|(c, &i)| (form[i].name.to_string(), SEEN / left.column(c).norm().max(1e-300)))
-            .collect();
-        list.push(Detectable { name, untestable: None, least, aliases: Vec::new() });
-        spans.push(Some(orthonormal(&left, 1e-4)));
+        };
+        list.push(Detectable { name, untestable, least, aliases: Vec::new() });
+        spans.push(span);
     }
-    for i in 0..list.len() {
-        for j in 0..list.len() {
-            let (Some(a), Some(b)) = (&spans[i], &spans[j]) else { continue };
-            // Everything that effect i can do, effect j can do too.
-            let inside = b.tr_mul(a);
-            let least = inside.column_iter().map(|c| c.norm()).fold(1.0, f64::min);
-            if i != j && least > ALIAS {
+    for (i, a) in spans.iter().enumerate() {
+        for (j, b) in spans.iter().enumerate() {
+            if let (Some(a), Some(b)) = (a, b)
+                && i != j
+                && lies_in(a, b)
+            {
                 let other = list[j].name.clone();
                 list[i].aliases.push(other);
             }
         }
     }
     Ok(list)
+}
+
+/// An effect in its simplest form, its form parameters in the middle of what is tried.
+fn simplest(effect: usize, info: &EffectInfo) -> Active {
+    let middle = |p: &Parameter| p.grid.get(p.grid.len() / 2).copied().unwrap_or(0.0);
+    Active { effect, form: 0, values: info.forms[0].iter().map(middle).collect() }
+}
+
+/// Whether hardly anything is left of columns once the baseline is taken out of them.
+fn is_absorbed(whole: &DMatrix<f64>, left: &DMatrix<f64>) -> bool {
+    left.column_iter().zip(whole.column_iter()).all(|(l, w)| l.norm() < 3e-3 * w.norm())
+}
+
+/// Whether the one basis can do everything that the other can.
+fn lies_in(one: &DMatrix<f64>, other: &DMatrix<f64>) -> bool {
+    other.tr_mul(one).column_iter().map(|c| c.norm()).fold(1.0, f64::min) > ALIAS
 }

@@ -5,7 +5,7 @@ use std::cell::OnceCell;
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::algebra::transposed_times;
-use crate::diagnose::experiment::{Active, Parameter};
+use crate::diagnose::experiment::{Active, Parameter, size_columns};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::generic::{Shape, Term, dictionary};
 
@@ -219,23 +219,11 @@ impl Pool {
             }
             for (form, parameters) in info.forms.iter().enumerate() {
                 for values in Parameter::grid_points(parameters) {
-                    let linear: Vec<usize> =
-                        (0..values.len()).filter(|&i| parameters[i].grid.is_empty()).collect();
-                    let mut block = DMatrix::zeros(base.len(), linear.len());
-                    for (c, &i) in linear.iter().enumerate() {
-                        let step = 1e-3 * parameters[i].typical;
-                        let mut moved = values.clone();
-                        moved[i] += step;
-                        let active = [Active { effect, form, values: moved }];
-                        let forward = experiment.predict(nuisances, &active);
-                        for (r, (f, b)) in forward.iter().zip(&base).enumerate() {
-                            block[(r, c)] = (f - b) / step;
-                        }
-                    }
+                    let active = Active { effect, form, values };
+                    let block = size_columns(experiment, nuisances, &base, &active);
                     let shape_parameters =
                         parameters.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
-                    let who = Who::Effect(Active { effect, form, values });
-                    entries.push((who, shape_parameters, block));
+                    entries.push((Who::Effect(active), shape_parameters, block));
                 }
             }
         }

@@ -231,7 +231,8 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
     let gap = beside(&s.baseline.residual);
     let gap2 = gap.norm_squared().max(1e-300);
     let effects = fitter.experiment.effects();
-    let in_two = |i: usize| pairs[i].into_iter().flatten();
+    let in_two =
+        |i: usize| pairs[i].into_iter().flatten().filter(move |e| *e != f.model.active[i].effect);
     let mut named: Vec<NamedEffect> = f
         .model
         .active

@@ -254,28 +254,27 @@ impl Selection {
         // A step beside its place looks poorer than many a bump: between two captures no other place will do.
         let is_sharp =
             |t: &Term| matches!(t.shape, Shape::Step(_)) && !layout.variables[t.variable].within;
-        let mut kinds = std::collections::HashSet::new();
+        let mut seen = std::collections::HashSet::new();
         let kind = |t: &Term| (t.direction, t.variable, std::mem::discriminant(&t.shape));
-        let around: Vec<(Term, f64)> = scores
+        let kinds = scores
             .iter()
             .filter_map(|s| Some((placed(s)?, s.ln_p)))
-            .filter(|(t, _)| kinds.insert(kind(t)))
+            .filter(|(t, _)| seen.insert(kind(t)))
             .enumerate()
             .filter(|(i, (t, _))| *i < PLACES_REFINED || is_sharp(t))
-            .map(|(_, placed)| placed)
-            .flat_map(|(t, ln_p)| t.around(layout).into_iter().map(move |t| (t, ln_p)))
-            .collect();
-        let terms = around.iter().map(|(t, _)| (Extra::Generic(*t), t.columns(layout)));
-        let finer = Pool::of_terms(fitter, terms.collect());
-        // A better place says where, not whether: p is that of the dictionary's own place, one of the tests counted.
-        let refined = best(standing.scores(fitter, f, &finer)).and_then(|s| {
-            let who = &finer.candidates[s.candidate].who;
-            let same = |t: &Term| Who::Extra(Extra::Generic(*t)) == *who;
-            let ln_p = around.iter().find(|(t, _)| same(t))?.1;
-            Some((who.clone(), Score { ln_p, ..s }))
+            .map(|(_, placed)| placed);
+        // One kind after the other: long sweeps have many places.
+        let refined = kinds.filter_map(|(t, ln_p)| {
+            let around = t.around(layout).into_iter();
+            let terms = around.map(|t| (Extra::Generic(t), t.columns(layout))).collect();
+            let finer = Pool::of_terms(fitter, terms);
+            let s = best(standing.scores(fitter, f, &finer))?;
+            // A better place says where, not whether: p is that of the dictionary's own place, one of the tests counted.
+            Some((finer.candidates[s.candidate].who.clone(), Score { ln_p, ..s }))
         });
+        let refined: Vec<_> = refined.collect();
         let coarse = scores.into_iter().next().map(|s| (who(&s).clone(), s));
-        [coarse, refined].into_iter().flatten().max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))
+        coarse.into_iter().chain(refined).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))
     }
 
     /// χ² of everything found so far, in units of the present noise.

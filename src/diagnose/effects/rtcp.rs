@@ -69,14 +69,17 @@ fn fourier(orders: &[u32], p: &[f64], angle_rad: f64) -> f64 {
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Rtcp) -> L {
     let mut l = L::default();
-    head_effects(&mut l, data);
+    head_constants(&mut l, data);
+    b_readings(&mut l, data);
+    head_sag(&mut l, data);
     table_effects(&mut l, data);
     rtcp_slow::time_effects(&mut l, data);
     rtcp_slow::linear_effects(&mut l, data);
     l
 }
 
-fn head_effects(l: &mut L, data: &Rtcp) {
+/// Where the B axis is and how it lies.
+fn head_constants(l: &mut L, data: &Rtcp) {
     let moves = data.needs(&["b_deg"]);
     l.effect(
         words(
@@ -125,9 +128,13 @@ fn head_effects(l: &mut L, data: &Rtcp) {
             "dy against sin B",
             "B from -90 to +90 at one C",
         ),
-        moves.clone(),
+        moves,
     );
     head(l, angle("tilt_deg"), true, |e, v| e.tilt_z += v.to_radians());
+}
+
+/// Where B stands when it reads an angle.
+fn b_readings(l: &mut L, data: &Rtcp) {
     l.effect(
         Words {
             name: "b-pitch-error",
@@ -136,7 +143,7 @@ fn head_effects(l: &mut L, data: &Rtcp) {
             best: "B in steps of 5 degrees over its whole range",
             varies_with: &["b_deg"],
         },
-        moves.clone(),
+        data.needs(&["b_deg"]),
     );
     for orders in [&[1][..], &[2], &[3], &[4], &[1, 2], &[1, 2, 3, 4]] {
         l.form(harmonics(orders, "deg", 0.01), move |data, p, errors| {
@@ -167,6 +174,10 @@ fn head_effects(l: &mut L, data: &Rtcp) {
             }
         });
     }
+}
+
+/// The head bends as it swings.
+fn head_sag(l: &mut L, data: &Rtcp) {
     l.effect(
         Words {
             name: "head-sag",
@@ -175,7 +186,7 @@ fn head_effects(l: &mut L, data: &Rtcp) {
             best: "B from -90 to +90, with z measured",
             varies_with: &["b_deg"],
         },
-        moves,
+        data.needs(&["b_deg"]),
     );
     l.form(vec![length("sag_mm")], |data, p, errors| {
         let arm = data.geometry.head.norm().max(1e-9);

@@ -91,7 +91,55 @@ pub fn time_effects(l: &mut L, data: &Rtcp) {
     }
 }
 
-/// Scales and squareness of the linear axes, about the machine's zero or (`datum = 1`) the C axis.
+/// The place of an axis at which what grows along it is nil: there the machine was set right.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Datum {
+    /// Its zero.
+    Zero,
+    /// The C axis; for Z the table (`datum = 1`).
+    Table,
+    /// Z as it stands with the head upright (`datum = 2`).
+    Upright,
+}
+
+impl Datum {
+    /// Those of an axis that differ in what they do to an output: there is no choice to pay for between forms that are one.
+    fn of(data: &Rtcp, axis: usize, output: usize) -> Vec<Self> {
+        let mut list = vec![Self::Zero];
+        for datum in [Self::Table, Self::Upright] {
+            let apart = |other: &Self| {
+                (other.place_mm(data, axis) - datum.place_mm(data, axis)).abs() > 1e-6
+            };
+            let tells = datum == Self::Table || axis == 2 && output != 2;
+            if tells && list.iter().all(apart) {
+                list.push(datum);
+            }
+        }
+        list
+    }
+
+    fn switch(self) -> Option<Parameter> {
+        match self {
+            Self::Zero => None,
+            Self::Table => Some(Parameter::switch("datum", 1.0)),
+            Self::Upright => Some(Parameter::switch("datum", 2.0)),
+        }
+    }
+
+    fn place_mm(self, data: &Rtcp, axis: usize) -> f64 {
+        match self {
+            Self::Zero => 0.0,
+            Self::Table => data.geometry.centre[axis],
+            Self::Upright => {
+                let upright = data.b_deg.iter().zip(&data.commanded);
+                let upright = upright.min_by(|a, b| a.0.abs().total_cmp(&b.0.abs()));
+                upright.map_or(0.0, |(_, place)| place[axis])
+            }
+        }
+    }
+}
+
+/// Scales and squareness of the linear axes.
 pub fn linear_effects(l: &mut L, data: &Rtcp) {
     type Row = (&'static str, &'static str, usize, usize, f64);
     let rows: [Row; 6] = [
@@ -109,23 +157,17 @@ pub fn linear_effects(l: &mut L, data: &Rtcp) {
         // The other axis may be taken for the straight one: then its own error shows.
         let legs = [("um_per_m", output, input), ("other_leg_um_per_m", input, output)];
         let legs = &legs[..if output == input { 1 } else { 2 }];
-        for (&(name, output, input), datum) in
-            legs.iter().flat_map(|leg| [(leg, false), (leg, true)])
-        {
-            if datum && data.geometry.centre[input] == 0.0 {
-                // The C axis is the machine's zero: one and the same form, and no choice to pay for.
-                continue;
+        for &(name, output, input) in legs {
+            for datum in Datum::of(data, input, output) {
+                let mut parameters = vec![Parameter::linear(name, 20.0)];
+                parameters.extend(datum.switch());
+                l.form(parameters, move |data, p, errors| {
+                    let from = datum.place_mm(data, input);
+                    for (e, place) in errors.iter_mut().zip(&data.commanded) {
+                        e.shift[output] += sign * p[0] * 1e-6 * (place[input] - from);
+                    }
+                });
             }
-            let mut parameters = vec![Parameter::linear(name, 20.0)];
-            if datum {
-                parameters.push(Parameter::switch("datum", 1.0));
-            }
-            l.form(parameters, move |data, p, errors| {
-                for (e, place) in errors.iter_mut().zip(&data.commanded) {
-                    let from = if datum { data.geometry.centre[input] } else { 0.0 };
-                    e.shift[output] += sign * p[0] * 1e-6 * (place[input] - from);
-                }
-            });
         }
     }
 }
