@@ -3,21 +3,20 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
+use crate::fit::tails::ln_f_tail;
+
 /// Half-width of a 95 % interval of a normal distribution, in standard deviations.
 pub const K95: f64 = 1.959_963_984_540_054;
 
-/// Half-width of a 95 % interval of Student's t with `dof` degrees of freedom.
+/// Half-width of a 95 % interval of Student's t with `dof` degrees of freedom, of which there is one at least.
 ///
-/// Cornish-Fisher expansion (Abramowitz & Stegun 26.7.5), exact at 1 and 2 degrees; error below 0.2 %.
+/// Cornish-Fisher expansion (Abramowitz & Stegun 26.7.5), error below 0.2 %; below three degrees from the tail itself.
 pub fn k95(dof: f64) -> f64 {
     if !dof.is_finite() {
         return K95;
     }
-    if dof < 1.5 {
-        return 12.706;
-    }
-    if dof < 2.5 {
-        return 4.303;
+    if dof < 3.0 {
+        return k95_of_few(dof.max(1.0));
     }
     let z = K95;
     let g1 = (z.powi(3) + z) / 4.0;
@@ -28,6 +27,20 @@ pub fn k95(dof: f64) -> f64 {
         - 945.0 * z)
         / 92160.0;
     z + g1 / dof + g2 / dof.powi(2) + g3 / dof.powi(3) + g4 / dof.powi(4)
+}
+
+/// By bisection of t² = F with 1 and `dof` degrees of freedom.
+fn k95_of_few(dof: f64) -> f64 {
+    let (mut low, mut high) = (K95, 13.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if ln_f_tail(middle * middle, 1.0, dof) > 0.05f64.ln() {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    0.5 * (low + high)
 }
 
 /// A value and its standard uncertainty, in the same unit.
@@ -171,7 +184,7 @@ mod tests {
     #[test]
     fn student_factors_match_tables() {
         for (dof, k) in
-            [(1.0, 12.706), (2.0, 4.303), (3.0, 3.182), (5.0, 2.571), (10.0, 2.228), (30.0, 2.042)]
+            [(1.0, 12.706), (1.5, 6.017), (2.0, 4.303), (3.0, 3.182), (5.0, 2.571), (10.0, 2.228)]
         {
             assert!((k95(dof) / k - 1.0).abs() < 5e-3, "dof {dof}: {}", k95(dof));
         }

@@ -116,7 +116,7 @@ fn length(name: &str, mm: f64, usual: RangeInclusive<f64>) -> Option<String> {
     }
     let (other, meant) =
         if mm < *usual.start() { ("metres", 1e3 * mm) } else { ("micrometres", 1e-3 * mm) };
-    Some(format!("{name} is {mm} mm: if it is in {other}, write {meant:.6} (mm)"))
+    Some(format!("{name} is {mm:.6} mm: if it is in {other}, write {meant:.6} (mm)"))
 }
 
 /// Pictures that one scale cannot hold for: says which has another size than the first.

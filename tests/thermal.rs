@@ -140,6 +140,42 @@ fn absolute_temperatures_are_noticed_and_a_cold_state_can_be_given() {
 }
 
 #[test]
+fn a_model_of_the_head_alone_corrects_the_head() {
+    let truth = Truth::sample(2);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("head.csv");
+    std::fs::write(&path, truth.head_csv(200, 5)).unwrap();
+    let options = head::Options::default();
+    let data = head::Data::read(&path, &options.cold_c).unwrap();
+    let model = fit(Some((&data, &options)), None, Vec::new(), &mut Vec::new()).unwrap();
+    let answer = Compensator::new(model, Options::default())
+        .answer_line(r#"{"position_mm":{"x":100},"head_c":[3,3]}"#);
+    assert_eq!(answer.flags, [""; 0]);
+    assert!(answer.correction_mm["x"].unwrap().abs() > 1e-4, "{answer:?}");
+}
+
+#[test]
+fn a_screw_that_goes_on_warming_is_fitted() {
+    // 10 µm/m for each degree above 20 °C, positions cycled while the screw warms from 20 to 38 °C.
+    let mut csv = "axis,screw_c,position_mm,error_mm\n".to_owned();
+    for i in 0..300 {
+        let (t, p) = (20.0 + 0.06 * f64::from(i), 250.0 * f64::from(i % 5));
+        let noise = 2e-4 * (f64::from(i) * 2.399).sin();
+        csv += &format!("x,{t:.3},{p},{:.6}\n", 1e-5 * (t - 20.0) * p + noise);
+    }
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("screw.csv");
+    std::fs::write(&path, csv).unwrap();
+    let data = screw::Data::read(&path).unwrap();
+    let options = screw::Options::default();
+    let model = fit(None, Some((&data, &options)), Vec::new(), &mut Vec::new()).unwrap();
+    let x = &model.screws[0];
+    assert!((x.t0_c - 20.0).abs() < x.t0_u95_c.max(0.05), "{x:?}");
+    let per_degree = x.tk_max_um_per_m / (x.t_max_c - x.t0_c);
+    assert!((per_degree - 10.0).abs() < 0.1, "{per_degree}");
+}
+
+#[test]
 fn what_lies_outside_the_calibration_is_flagged_and_held() {
     let (model, _) = fitted(&Truth::sample(4), 300, 2, &head::Options::default());
     let mut at_work = Compensator::new(model, Options { stuck_c: Some(4.0) });
@@ -152,6 +188,8 @@ fn what_lies_outside_the_calibration_is_flagged_and_held() {
     let hot = ask(&at(900.0, 55.0));
     assert_eq!(hot.flags, ["screw-above-tmax:x"]);
     assert!((hot.correction_mm["x"].unwrap() - inside.correction_mm["x"].unwrap()).abs() < 1e-9);
+    // What the law would add beyond the limit is not corrected: the interval has it.
+    assert!(hot.correction_u95_mm["x"] > 2.0 * inside.correction_u95_mm["x"], "{hot:?}");
     let cold = ask(&at(900.0, 10.0));
     assert_eq!(cold.flags, ["screw-below-t0:x"]);
     assert_eq!(ask(&at(5000.0, 30.0)).flags, ["position-out-of-range:x"]);

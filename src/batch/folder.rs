@@ -31,6 +31,22 @@ pub(super) fn keep_apart(out: &Path, items: &[Item]) -> Result<()> {
 const FILES: [&str; 5] =
     ["batch.json", "results.jsonl", "results.csv", "results.parquet", "summary.json"];
 
+/// Refuses a folder in which there are files of these names that no batch has made.
+pub(super) fn is_ours_to_fill(out: &Path) -> Result<()> {
+    if out.join("batch.json").exists() {
+        return Ok(());
+    }
+    let holds = |name: &&&str| out.join(name).metadata().is_ok_and(|m| m.len() > 0);
+    match FILES.iter().find(holds) {
+        None => Ok(()),
+        Some(name) => Err(Error::file(
+            out,
+            format!("holds a {name} that is no batch's: there is no batch.json beside it"),
+            "choose another --out",
+        )),
+    }
+}
+
 /// Refuses to mix results of different jobs, and to touch results nobody asked to go on with.
 pub(super) fn claim(options: &Options, identity: &Value) -> Result<()> {
     let path = options.out.join("batch.json");

@@ -64,8 +64,9 @@ pub enum Status {
 }
 
 impl Journal {
-    /// Opens or creates the journal, reads what is there and cuts an incomplete last line off.
-    pub fn open(path: impl AsRef<Path>) -> Result<Self> {
+    /// Opens or creates the journal, and once it is nobody else's and `may` says so, reads what is there and cuts an incomplete last
+    /// line off.
+    pub fn open(path: impl AsRef<Path>, may: impl FnOnce() -> Result<()>) -> Result<Self> {
         let path = path.as_ref().to_owned();
         let failed = |e| Error::io(&path, "open", e);
         let begun = Instant::now();
@@ -93,6 +94,7 @@ impl Journal {
                 Err(TryLockError::Error(e)) => return Err(failed(e)),
             }
         };
+        may()?;
         let (entries, end) = read(&path, &file)?;
         file.set_len(end).map_err(failed)?;
         let mut journal = Self { path, file, end, synced: Instant::now(), entries };
@@ -191,7 +193,7 @@ mod tests {
         let second = "{\"image\":\"b\",\"status\":\"failed\",\"reason\":\"ä\"}\n";
         for cut in 0..second.len() {
             std::fs::write(&path, [whole.as_bytes(), &second.as_bytes()[..cut]].concat()).unwrap();
-            let mut journal = Journal::open(&path).unwrap();
+            let mut journal = Journal::open(&path, || Ok(())).unwrap();
             assert_eq!(journal.entries().len(), 1);
             journal.append("b", second.trim_end(), true, None).unwrap();
             let entry = journal.entries()["b"];
@@ -205,7 +207,7 @@ mod tests {
     fn a_second_writer_is_refused() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("j.jsonl");
-        let _first = Journal::open(&path).unwrap();
-        assert!(Journal::open(&path).unwrap_err().to_string().contains("another batch"));
+        let _first = Journal::open(&path, || Ok(())).unwrap();
+        assert!(Journal::open(&path, || Ok(())).unwrap_err().to_string().contains("another batch"));
     }
 }

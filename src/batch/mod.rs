@@ -29,7 +29,7 @@ pub use run::{Measured, Progress, Statistics};
 use crate::error::{Error, Result};
 use crate::output::{create_folder, write_streamed};
 use crate::uncertainty::Verdict;
-use folder::{claim, keep_apart};
+use folder::{claim, is_ours_to_fill, keep_apart};
 use journal::{Entry, Journal};
 use watch::State;
 
@@ -136,12 +136,13 @@ fn run_with(
         keep_apart(out, &items)?;
     }
     create_folder(out)?;
-    claim(options, identity)?;
+    // Whoever holds the journal says what the folder is for: two batches begun at once would mix their jobs.
+    is_ours_to_fill(out)?;
+    let mut journal = Journal::open(out.join("results.jsonl"), || claim(options, identity))?;
     let overlays = out.join(run::OVERLAYS);
     if identity["job"]["overlay"] == true {
         create_folder(&overlays)?;
     }
-    let mut journal = Journal::open(out.join("results.jsonl"))?;
     if options.retry_failed {
         journal.forget(|entry| entry.failed);
     }

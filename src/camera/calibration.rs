@@ -230,13 +230,17 @@ impl Calibration {
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
     }
 
-    /// A scale that looks as if it were in another unit.
+    /// A scale or plane that looks as if it were in another unit.
     pub fn doubt(&self) -> Option<String> {
-        match self.mapping {
-            Mapping::Scale { mm_per_px, .. } => {
+        match &self.mapping {
+            &Mapping::Scale { mm_per_px, .. } => {
                 units::pixel("the calibration's mm_per_px", mm_per_px)
             }
-            Mapping::Pinhole { .. } => None,
+            Mapping::Pinhole { lens, .. } => {
+                let view =
+                    View::new(&self.mapping, lens.width_px as usize, lens.height_px as usize);
+                units::pixel("a pixel, by the calibration's [plane],", view.pixel_mm())
+            }
         }
     }
 

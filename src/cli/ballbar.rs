@@ -12,6 +12,7 @@ use super::{Global, Outcome, result, rows};
 use crate::ballbar::model::{Bar, Point};
 use crate::ballbar::{Data, ERRORS, Path, Setup, decouple, path, swarm};
 use crate::error::{Error, Result};
+use crate::machine::written_deg;
 use crate::output::Document;
 
 /// Ball bar with B and a linear axis moving together
@@ -165,7 +166,7 @@ struct Row {
 impl Row {
     fn new(path: &Path, pose: &path::Pose, length_mm: f64) -> Self {
         // Adding zero turns -0 into 0.
-        let (b_deg, z_mm) = (pose.b_rad.to_degrees(), -pose.up_mm + 0.0);
+        let (b_deg, z_mm) = (written_deg(pose.b_rad), -pose.up_mm + 0.0);
         Self { path: path.name().to_string(), b_deg, x_mm: pose.x_mm, z_mm, length_mm }
     }
 }
@@ -230,18 +231,21 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
 
 fn simulate(args: &SimulateArgs) -> Result<Outcome> {
     let setup = args.setup.setup();
-    let mut errors = [0.0; 6];
+    let (mut errors, mut given) = ([0.0; 6], [false; 6]);
     for text in &args.error {
         let wrong = |reason: String| {
             Error::option("--error", reason, "write for example X0B=0.01,B0Z=-0.002")
         };
         let (name, value) =
             text.split_once('=').ok_or_else(|| wrong(format!("'{text}' has no =")))?;
-        let name = name.trim().to_ascii_uppercase().replace('O', "0");
+        let written = name.trim().to_ascii_uppercase().replace('O', "0");
         let index = ERRORS
             .iter()
-            .position(|e| e.0 == name)
+            .position(|e| e.0 == written)
             .ok_or_else(|| wrong(format!("'{name}' is none of X0B Z0B A0B C0B A0Z B0Z")))?;
+        if std::mem::replace(&mut given[index], true) {
+            return Err(wrong(format!("{written} is given twice")));
+        }
         let value: f64 =
             value.trim().parse().map_err(|_| wrong(format!("'{value}' is no number")))?;
         errors[index] = if ERRORS[index].1 == "mm" { value } else { value.to_radians() };

@@ -123,13 +123,27 @@ impl File<'_> {
                     let (option, flags) = self.option(key, value, commands)?;
                     // What only the outer command knows is none of the inner one's.
                     let known = option.is_global_set() || commands.len() == self.asked.len();
-                    if wanted && known && !is_given(self.words, &option) {
+                    let said = is_given(self.words, &option) || self.excludes(command, &option);
+                    if wanted && known && !said {
                         defaults.extend(flags);
                     }
                 }
             }
         }
         Ok(())
+    }
+
+    /// Whether the command line has an option of the command that does not go with another.
+    fn excludes(&self, command: &clap::Command, option: &clap::Arg) -> bool {
+        let not_with = |a: &clap::Arg, b: &clap::Arg| {
+            command.get_arg_conflicts_with(a).iter().any(|c| c.get_id() == b.get_id())
+        };
+        let own = |id: &clap::Id| command.get_arguments().any(|a| a.get_id() == id);
+        own(option.get_id())
+            && command
+                .get_arguments()
+                .filter(|a| a.get_long().is_some() && is_given(self.words, a))
+                .any(|a| not_with(a, option) || not_with(option, a))
     }
 
     /// The option of the last of `commands` that a key names, and its words: `--option=value`; lists repeat the option, `true` is the bare flag.
@@ -176,7 +190,13 @@ impl File<'_> {
         }
         let parser = option.get_value_parser().type_id();
         let is_path = parser == TypeId::of::<PathBuf>() || parser == TypeId::of::<OutFile>();
+        // As in the other files, paths are seen from the file's folder.
+        let beside = |text: &String| {
+            let folder = self.path.parent().unwrap_or(Path::new(""));
+            folder.join(text).to_str().map_or_else(|| text.clone(), str::to_owned)
+        };
         let word = |value: &toml::Value| match value {
+            toml::Value::String(text) if is_path => Some(format!("--{key}={}", beside(text))),
             toml::Value::String(text) => Some(format!("--{key}={text}")),
             toml::Value::Integer(i) if !is_path => Some(format!("--{key}={i}")),
             toml::Value::Float(x) if !is_path && x.is_finite() => Some(format!("--{key}={x}")),

@@ -78,14 +78,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let unconfirmed =
         made.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();
     let mut warnings = machine.doubts();
-    if !machine.effects.is_empty() {
-        let names: Vec<&str> = machine.effects.iter().map(|e| e.name.as_str()).collect();
-        warnings.push(format!(
-            "what {} says of the machine's errors ({}) is not in these numbers: they are what [head] and [table] say",
-            args.machine.display(),
-            names.join(", ")
-        ));
-    }
+    warnings.extend(machine.effects_left_out());
     if unconfirmed > 0 {
         warnings.push(format!(
             "{unconfirmed} of {} values are marked NOT CONFIRMED: check them against the control's manual",

@@ -31,7 +31,7 @@ mod verify;
 
 use std::io::Write;
 use std::process::ExitCode;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
 
@@ -69,7 +69,7 @@ pub struct Global {
     /// Keep the result in the records FILE (see `pivotsight history`)
     #[arg(long, value_name = "FILE", global = true)]
     pub records: Option<OutFile>,
-    /// Say more on standard error
+    /// Say on standard error how the command was understood, defaults included, how it ended and how long it took
     #[arg(long, short, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,
     /// What is written beside the result
@@ -90,6 +90,13 @@ impl Global {
     pub fn insist(&self, message: impl std::fmt::Display) {
         complain(&message);
         self.note(message);
+    }
+
+    /// Prints what only `--verbose` asks for; the log has it in its own words.
+    fn detail(&self, message: impl std::fmt::Display) {
+        if self.verbose > 0 && !self.quiet {
+            complain(message);
+        }
     }
 
     /// Appends a line to the log, if there is one; a log that cannot be written never stops a measurement.
@@ -169,13 +176,17 @@ impl Outcome {
 }
 
 impl Status {
-    fn code(self) -> ExitCode {
-        ExitCode::from(match self {
+    fn number(self) -> u8 {
+        match self {
             Self::Good => 0,
             Self::OutOfTolerance => 1,
             Self::BadInput => 2,
             Self::SomeFailed => 3,
-        })
+        }
+    }
+
+    fn code(self) -> ExitCode {
+        ExitCode::from(self.number())
     }
 }
 
@@ -223,6 +234,8 @@ pub fn run() -> ExitCode {
     let words: Vec<String> = arguments.iter().map(|a| a.to_string_lossy().into_owned()).collect();
     let global = &cli.global;
     global.note(words.join(" "));
+    global.detail(format_args!("pivotsight {}: {}", env!("CARGO_PKG_VERSION"), words.join(" ")));
+    let begun = Instant::now();
     let status = dispatch(&cli).and_then(|outcome| {
         if is_kept(&cli.command) {
             history::told(global, history::keep(global, &words, &outcome));
@@ -230,8 +243,11 @@ pub fn run() -> ExitCode {
         let takes_out = out_is_folder(&cli.command) || makes_file(&cli.command);
         hand_out(global, !takes_out, outcome)
     });
+    let took =
+        format!("{:.3} s, {} threads", begun.elapsed().as_secs_f64(), rayon::current_num_threads());
     match status {
         Ok(status) => {
+            global.detail(format_args!("{status:?}: exit code {}, {took}", status.number()));
             global.note(format_args!("ended: {status:?}"));
             status.code()
         }

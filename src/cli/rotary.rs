@@ -76,22 +76,27 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         ..Options::new(args.pivot_mm)
     };
     let sweep = Sweep::read(&args.deviations, args.modulo)?;
-    let report = rotary::correct(&sweep, &options).map_err(|e| e.measured_in(&args.deviations))?;
+    let mut report =
+        rotary::correct(&sweep, &options).map_err(|e| e.measured_in(&args.deviations))?;
     if let Some(path) = &args.table {
-        let table = export::text(
-            &report,
-            &export::Options {
-                control: args.control,
-                axis: args.axis.clone(),
-                axis_number: args.axis_number,
-                resolution_deg: args.resolution_deg,
-                step_deg: args.step_deg,
-                incremental: args.incremental,
-                reference_point: args.reference_point,
-                reference_deg: args.reference_deg,
-            },
-        )?;
-        global.write(path, table.as_bytes())?;
+        let table = export::Options {
+            control: args.control,
+            axis: args.axis.clone(),
+            axis_number: args.axis_number,
+            resolution_deg: args.resolution_deg,
+            step_deg: args.step_deg,
+            incremental: args.incremental,
+            reference_point: args.reference_point,
+            reference_deg: args.reference_deg,
+        };
+        global.write(path, export::text(&report, &table)?.as_bytes())?;
+        if let Some(left_deg) = export::left_at_reference_deg(&report, &table)? {
+            report.warnings.push(format!(
+                "a table of steps is zero at the reference position, {}°: shift the axis by {left_deg:+.4}° there, or that much of the \
+                 correction stays out everywhere",
+                args.reference_deg
+            ));
+        }
     }
     if let Some(folder) = &args.plot {
         let figure = report.figure(args.dead_band_mm).to_svg();

@@ -80,6 +80,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         one_by_one(&chain, &table, &rotary, args.way)?
     };
     poses.warnings.extend(machine.doubts());
+    poses.warnings.extend(machine.effects_left_out());
     poses.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
 
     // Poses are a table by nature: people get the CSV too, with nine decimals.

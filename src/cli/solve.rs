@@ -58,7 +58,7 @@ fn doubts(solved: &Solved) -> Vec<String> {
     let mut warnings = Vec::new();
     if solved.b_sense < 0 {
         warnings.push(
-            "X1 < X2: a positive B turns the nozzle towards +X on this machine (axes.B sense = -1)"
+            "the nozzle swings towards +X as B grows on this machine (axes.B sense = -1): see that the signs of touch.b1_deg and b2_deg are right"
                 .into(),
         );
     }

@@ -14,7 +14,7 @@ use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
-use crate::machine::Machine;
+use crate::machine::{Machine, written_deg};
 use crate::output::Document;
 use crate::rtcp::export::Control;
 use crate::rtcp::plan;
@@ -102,6 +102,7 @@ pub struct Compared {
 struct Row {
     b_deg: f64,
     c_deg: f64,
+    /// Without the target's own offset.
     measured_mm: [f64; 3],
     predicted_mm: [f64; 3],
     left_mm: [f64; 3],
@@ -240,8 +241,8 @@ fn add_effects_of(
 /// The result as it is written.
 fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBuf>) -> Compared {
     let list = (0..report.measured.len()).map(|i| Row {
-        b_deg: sweep.rotary_rad[i][0].to_degrees(),
-        c_deg: sweep.rotary_rad[i][1].to_degrees(),
+        b_deg: written_deg(sweep.rotary_rad[i][0]),
+        c_deg: written_deg(sweep.rotary_rad[i][1]),
         measured_mm: report.measured[i].into(),
         predicted_mm: report.predicted[i].into(),
         left_mm: report.rest[i].into(),

@@ -119,39 +119,7 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     if mean_variance.is_nan() || mean_variance <= 0.0 {
         return None;
     }
-    let grid = grid(rows, known);
-    let mut candidates = at_grid_point(rows, mean_variance, WHITE, &[], grid.white);
-    let white = candidates.len();
-    let likeliest = |list: &[Candidate]| {
-        list.iter().map(|c| c.log_likelihood).fold(f64::NEG_INFINITY, f64::max)
-    };
-    // Kernels that differ in size alone stand side by side.
-    let (mut of, mut how_alike) = (None, Vec::new());
-    let mut best = likeliest(&candidates);
-    let mut start = SHARES.len() / 2;
-    for (kernel, length, probability) in grid.kernels {
-        if of != Some((kernel.shape, length)) {
-            (of, how_alike) = (Some((kernel.shape, length)), alike(rows, kernel.shape, length));
-        }
-        // From the share that was likeliest so far both ways, until nothing comes that would count.
-        let mut here = [f64::NEG_INFINITY; SHARES.len()];
-        let up = (start..SHARES.len()).map(|i| (i, i.wrapping_sub(1)));
-        let down = (0..start).rev().map(|i| (i, i + 1));
-        for way in [up.collect::<Vec<_>>(), down.collect()] {
-            for (i, before) in way {
-                let wandering = Wandering { share: SHARES[i], length, kernel };
-                let probability = probability / SHARES.len() as f64;
-                let found = at_grid_point(rows, mean_variance, wandering, &how_alike, probability);
-                here[i] = likeliest(&found);
-                best = best.max(here[i]);
-                candidates.extend(found);
-                if i != start && here[i] < here[before] && here[i] < best - NEGLIGIBLE {
-                    break;
-                }
-            }
-        }
-        start = (0..SHARES.len()).max_by(|&a, &b| here[a].total_cmp(&here[b])).unwrap_or(start);
-    }
+    let (candidates, white) = search(rows, mean_variance, grid(rows, known));
     let best = candidates.iter().max_by(|a, b| a.log_likelihood.total_cmp(&b.log_likelihood))?;
     let (_, extent) = spacing_and_extent(rows);
     let unsteady = |w: &Wandering| {
@@ -206,6 +174,43 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         displacement_sd: (best.displacement * best.scale).sqrt(),
         moved,
     })
+}
+
+/// Fits with every wander that may count; how many of them, the first ones, have none.
+fn search(rows: &Rows, mean_variance: f64, grid: Wander) -> (Vec<Candidate>, usize) {
+    let mut candidates = at_grid_point(rows, mean_variance, WHITE, &[], grid.white);
+    let white = candidates.len();
+    let likeliest = |list: &[Candidate]| {
+        list.iter().map(|c| c.log_likelihood).fold(f64::NEG_INFINITY, f64::max)
+    };
+    // Kernels that differ in size alone stand side by side.
+    let (mut of, mut how_alike) = (None, Vec::new());
+    let mut best = likeliest(&candidates);
+    let mut start = SHARES.len() / 2;
+    for (kernel, length, probability) in grid.kernels {
+        if of != Some((kernel.shape, length)) {
+            (of, how_alike) = (Some((kernel.shape, length)), alike(rows, kernel.shape, length));
+        }
+        // From the share that was likeliest so far both ways, until nothing comes that would count.
+        let mut here = [f64::NEG_INFINITY; SHARES.len()];
+        let up = (start..SHARES.len()).map(|i| (i, i.wrapping_sub(1)));
+        let down = (0..start).rev().map(|i| (i, i + 1));
+        for way in [up.collect::<Vec<_>>(), down.collect()] {
+            for (i, before) in way {
+                let wandering = Wandering { share: SHARES[i], length, kernel };
+                let probability = probability / SHARES.len() as f64;
+                let found = at_grid_point(rows, mean_variance, wandering, &how_alike, probability);
+                here[i] = likeliest(&found);
+                best = best.max(here[i]);
+                candidates.extend(found);
+                if i != start && here[i] < here[before] && here[i] < best - NEGLIGIBLE {
+                    break;
+                }
+            }
+        }
+        start = (0..SHARES.len()).max_by(|&a, &b| here[a].total_cmp(&here[b])).unwrap_or(start);
+    }
+    (candidates, white)
 }
 
 /// The kernels to try, with their prior probabilities.

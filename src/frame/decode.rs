@@ -8,7 +8,7 @@ use image::metadata::Orientation;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Gray, jpeg};
+use crate::frame::{Frame, Gray, grays, jpeg};
 use crate::input;
 
 /// Largest side of a picture accepted, in pixels.
@@ -160,10 +160,25 @@ impl Picture {
     }
 
     /// What a user should know of the file.
-    pub fn doubt(&self) -> Option<&'static str> {
-        self.more_pages.then_some(
-            "the file has more than one page: its first is measured; save each as a file of its own",
-        )
+    pub fn doubts(&self) -> impl Iterator<Item = String> {
+        let pages = self.more_pages.then(|| {
+            "the file has more than one page: its first is measured; save each as a file of its own".to_owned()
+        });
+        let grays = self.few_grays().map(|count| {
+            format!(
+                "the picture has only {count} grays, far apart: between them its edges are lost and its intervals too narrow; save it with \
+                 256 or more"
+            )
+        });
+        pages.into_iter().chain(grays)
+    }
+
+    fn few_grays(&self) -> Option<usize> {
+        match &self.pixels {
+            Pixels::Gray(Frame::Eight(gray)) => grays::few(&gray.data),
+            Pixels::Other(DynamicImage::ImageRgb8(rgb)) if !self.colour => grays::few(rgb.as_raw()),
+            _ => None,
+        }
     }
 
     /// Pixels a row and rows.
@@ -354,11 +369,13 @@ mod tests {
     fn further_pages_are_told() {
         let gray = DynamicImage::ImageLuma8(image::GrayImage::from_pixel(20, 17, image::Luma([9])));
         let mut tiff = encoded(&gray, image::ImageFormat::Tiff);
-        assert_eq!(Picture::decode("p.tif", &tiff).unwrap().doubt(), None);
+        assert_eq!(Picture::decode("p.tif", &tiff).unwrap().doubts().next(), None);
         let at = u32::from_le_bytes(tiff[4..8].try_into().unwrap()) as usize;
         let entries = usize::from(u16::from_le_bytes(tiff[at..at + 2].try_into().unwrap()));
         tiff[at + 2 + 12 * entries] = 8;
-        assert!(Picture::decode("p.tif", &tiff).unwrap().doubt().unwrap().contains("first"));
+        assert!(
+            Picture::decode("p.tif", &tiff).unwrap().doubts().next().unwrap().contains("first")
+        );
     }
 
     #[test]

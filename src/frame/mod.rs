@@ -2,6 +2,7 @@
 
 mod decode;
 mod gray;
+mod grays;
 pub mod jpeg;
 pub mod named;
 

@@ -8,6 +8,7 @@ use crate::cv::Video;
 use crate::error::{Error, Result};
 use crate::frame::jpeg::is_cut_short;
 use crate::frame::{Channel, Frame, Gray, Picture, named};
+use crate::input;
 use crate::live::jpeg;
 use crate::live::mjpeg::Stream;
 
@@ -149,7 +150,7 @@ pub fn files(source: &str) -> Result<Vec<PathBuf>> {
 impl Source for Folder {
     fn next(&mut self) -> Result<Option<Shot>> {
         let Some(path) = self.0.next() else { return Ok(None) };
-        let bytes = std::fs::read(&path).map_err(|e| Error::io(&path, "read", e))?;
+        let bytes = input::bytes(&path, input::MOST_PICTURE)?;
         Ok(Some(Shot::Encoded(bytes, Some(path))))
     }
 }

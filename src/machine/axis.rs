@@ -202,6 +202,11 @@ impl Axis {
     }
 }
 
+/// An angle in degrees as people wrote it: radians and back leave the last bits changed.
+pub fn written_deg(angle_rad: f64) -> f64 {
+    (1e9 * angle_rad.to_degrees()).round() / 1e9 + 0.0
+}
+
 /// How far two angles of a rotary axis lie apart, whole turns aside.
 pub fn apart_deg(a: f64, b: f64) -> f64 {
     let turn = (a - b).rem_euclid(360.0);

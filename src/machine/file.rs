@@ -250,6 +250,17 @@ impl Machine {
         toml::to_string(self).unwrap_or_default()
     }
 
+    /// What a result that is made from [`Machine::chain`] does not hold.
+    pub fn effects_left_out(&self) -> Option<String> {
+        let names: Vec<&str> = self.effects.iter().map(|e| e.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
+            format!(
+                "the machine's errors ([[effects]]: {}) are not in these numbers: they are what [head] and [table] say",
+                names.join(", ")
+            )
+        })
+    }
+
     /// The chain the control believes in: the numbers of the file, without its effects.
     pub fn chain(&self) -> Result<Chain> {
         let wrong = |reason: String| {

@@ -18,7 +18,7 @@ mod file_check;
 mod inverse;
 mod screw;
 
-pub use axis::{Axis, AxisName, Side, apart_deg};
+pub use axis::{Axis, AxisName, Side, apart_deg, written_deg};
 pub use chain::{Chain, Joints, Motion, ToolPose};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
 pub use figure::frames_svg;

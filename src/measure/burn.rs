@@ -125,7 +125,7 @@ pub fn measure(
         let word = measured.report.channel.word();
         measured.report.warnings.push(format!("colour picture: measured in its {word} channel"));
     }
-    measured.report.warnings.extend(picture.doubt().map(str::to_owned));
+    measured.report.warnings.extend(picture.doubts());
     Ok(measured)
 }
 

@@ -94,7 +94,7 @@ pub fn measure(
     };
     let mut measured =
         best_channel(picture, options.channel, subject, attempt, |_, _| false, spread)?;
-    measured.report.warnings.extend(picture.doubt().map(str::to_owned));
+    measured.report.warnings.extend(picture.doubts());
     Ok(measured)
 }
 

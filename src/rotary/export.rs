@@ -74,9 +74,30 @@ impl Grid {
         if self.angles.len() > 1 { self.angles[1] - self.angles[0] } else { 0.0 }
     }
 
+    /// Which point is the reference position.
+    fn at_reference(&self, options: &Options) -> Option<usize> {
+        self.angles.iter().position(|a| (a - options.reference_deg).abs() < 1e-6 * self.step())
+    }
+
     fn ends(&self) -> (f64, f64) {
         (self.angles[0], self.angles[self.angles.len() - 1])
     }
+}
+
+/// The part of the correction that a table of steps cannot hold, degrees: at the reference position it is zero. `None` where
+/// it is too small to enter, or the table holds values.
+pub fn left_at_reference_deg(report: &Report, options: &Options) -> Result<Option<f64>> {
+    let steps = match options.control {
+        Control::Csv => options.incremental,
+        Control::Fanuc => true,
+        Control::Siemens | Control::Linuxcnc => false,
+    };
+    if !steps {
+        return Ok(None);
+    }
+    let grid = Grid::of(report, options)?;
+    let left = grid.at_reference(options).map_or(0.0, |i| grid.up[i]);
+    Ok((left.abs() >= 0.5 * options.resolution_deg).then_some(left))
 }
 
 /// The table's text.
@@ -132,11 +153,16 @@ fn csv(grid: &Grid, options: &Options) -> String {
         _ => format!("angle_deg,{word}_plus_deg,{word}_minus_deg\n"),
     };
     let r = options.resolution_deg;
+    let reference = grid.at_reference(options);
     for (i, angle) in grid.angles.iter().enumerate() {
         let _ = write!(out, "{}", short(*angle));
         for values in &columns {
-            // Steps of the rounded table, so that their sum has no drift.
-            let before = if options.incremental && i > 0 { rounded(values[i - 1], r) } else { 0.0 };
+            // Steps of the rounded table, so that their sum has no drift; it is zero at the reference.
+            let before = match (options.incremental, i) {
+                (false, _) => 0.0,
+                (true, 0) => reference.map_or(0.0, |at| rounded(values[at], r)),
+                (true, _) => rounded(values[i - 1], r),
+            };
             let _ = write!(out, ",{}", number(rounded(values[i], r) - before, r));
         }
         out.push('\n');
@@ -202,19 +228,14 @@ fn linuxcnc(grid: &Grid, options: &Options) -> Result<String> {
 /// `k · step` from the reference position, in units of the least step times a magnification, -7 to +7.
 fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
     let step = grid.step();
-    let (low, high) = grid.ends();
-    let before = (options.reference_deg - low) / step;
-    if step <= 0.0
-        || (before - before.round()).abs() > 1e-6
-        || !(low..=high).contains(&options.reference_deg)
-    {
+    let Some(before) = grid.at_reference(options).filter(|_| step > 0.0) else {
         return Err(Error::option(
             "--reference-deg",
             format!("{}° is no point of the table", options.reference_deg),
             "give the reference position's angle, on the table's grid",
         ));
-    }
-    let before = before.round() as u32;
+    };
+    let before = before as u32;
     let sections = grid.angles.len() as u32 - 1;
     // The points of an endless axis go once round from the reference position.
     let from_reference = |values: &Vec<f64>| -> Vec<f64> {

@@ -113,6 +113,7 @@ impl Sweep {
         let mut readings = Vec::new();
         let (rows, mut warnings) = copies::runs_once(table);
         warnings.extend(units::angles("angle_deg", &table.column("angle_deg")?));
+        warnings.extend(units::errors("deviation_mm", &table.column("deviation_mm")?));
         for row in rows {
             let angle = table.number(row, "angle_deg")?;
             if angle.abs() > 36_000.0 {

@@ -149,7 +149,13 @@ impl Reader<'_> {
                 (result.offset_mm, result.offset_u95_mm.map(|u| u / K95), correlation)
             }
             (None, Some(offset)) => {
-                let u = burn.offset_u_mm.map_or([0.001; 2], super::session_file::OneOrTwo::pair);
+                let u = match burn.offset_u_mm {
+                    Some(u) => u.pair(),
+                    None => {
+                        self.assumed("burn.offset");
+                        [DEFAULT_U_MM; 2]
+                    }
+                };
                 (offset, u, 0.0)
             }
             _ => {

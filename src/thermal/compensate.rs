@@ -104,7 +104,8 @@ impl Compensator {
         answer
     }
 
-    /// The screw's deviation; outside the calibrated temperatures the slope is held at the nearest limit.
+    /// The screw's deviation; outside the calibrated temperatures the slope is held at the nearest limit, and what the law would add
+    /// beyond is in the interval. None where no screw was calibrated at all: the model is of the head.
     fn screw(
         &self,
         axis: &str,
@@ -112,6 +113,9 @@ impl Compensator {
         screw_c: Option<f64>,
         flags: &mut Vec<String>,
     ) -> Option<(f64, f64)> {
+        if self.model.screws.is_empty() {
+            return Some((0.0, 0.0));
+        }
         let Some(screw) = self.model.screws.iter().find(|s| s.axis.eq_ignore_ascii_case(axis))
         else {
             flags.push(format!("axis-not-calibrated:{axis}"));
@@ -127,6 +131,7 @@ impl Compensator {
             return None;
         }
         // T0 is known to its own uncertainty only: a screw as cold as that is no fault.
+        let lowest_c = screw.lowest_c();
         if t < screw.t0_c - screw.t0_u95_c {
             flags.push(format!("screw-below-t0:{axis}"));
         }
@@ -137,7 +142,10 @@ impl Compensator {
         if position_mm < screw.range_mm[0] - margin || position_mm > screw.range_mm[1] + margin {
             flags.push(format!("position-out-of-range:{axis}"));
         }
-        Some(screw.deviation(t.clamp(screw.t0_c, screw.t_max_c), position_mm))
+        let held_c = t.clamp(lowest_c, screw.t_max_c);
+        let (deviation, u95) = screw.deviation(held_c, position_mm);
+        let beyond = screw.deviation(t, position_mm).0 - deviation;
+        Some((deviation, u95.hypot(beyond)))
     }
 
     /// The head's displacement, from the sensors that live.

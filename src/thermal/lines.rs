@@ -6,6 +6,8 @@ use crate::fit::tails::ln_f_tail;
 
 /// Rows whose screw temperatures are closer than this belong to one calibration run.
 const SAME_RUN_C: f64 = 0.5;
+/// A screw that goes on warming while it is measured is a run for each so much.
+const WARMS_C: f64 = 1.0;
 /// p-value under which lines are said not to meet.
 const APART_P: f64 = 1e-4;
 
@@ -73,11 +75,33 @@ pub(super) struct Lines {
 impl Lines {
     /// Fits them; several runs are needed unless the temperature without slope is given.
     pub(super) fn fit(axis: &str, points: &[Point], given_t0: Option<f64>) -> Result<Self> {
-        let runs = runs(points);
+        Self::of_runs(axis, runs(points), given_t0)
+    }
+
+    /// The same with every row moved to its run's mean temperature, as the law moves it: a screw warms while it is measured.
+    pub(super) fn levelled(
+        &self,
+        axis: &str,
+        per_degree: f64,
+        given_t0: Option<f64>,
+    ) -> Result<Self> {
+        let p0_mm = self.crossing_mm();
+        let level = |(run, line): (&Vec<Point>, &Line)| -> Vec<Point> {
+            let screw_c = line.screw_c;
+            let moved = |p: &Point| {
+                let added_mm = per_degree * (screw_c - p.screw_c) * (p.position_mm - p0_mm);
+                Point { screw_c, error_mm: p.error_mm + added_mm, ..*p }
+            };
+            run.iter().map(moved).collect()
+        };
+        Self::of_runs(axis, self.runs.iter().zip(&self.lines).map(level).collect(), given_t0)
+    }
+
+    fn of_runs(axis: &str, runs: Vec<Vec<Point>>, given_t0: Option<f64>) -> Result<Self> {
         if runs.len() < 2 && given_t0.is_none() {
             return Err(fail(
                 axis,
-                format!("all rows are at one screw temperature ({:.1} °C)", points[0].screw_c),
+                format!("all rows are at one screw temperature ({:.1} °C)", runs[0][0].screw_c),
                 "measure at two or more temperatures, or give --t0-c AXIS=TEMPERATURE of the cold screw",
             ));
         }
@@ -175,18 +199,29 @@ pub(super) fn fail(axis: &str, reason: impl Into<String>, fix: &str) -> Error {
     Error::measure(format!("axis {axis}"), reason, fix)
 }
 
-/// Rows of one temperature each, by rising temperature.
+/// Rows of about one temperature each, by rising temperature.
 fn runs(points: &[Point]) -> Vec<Vec<Point>> {
+    /// Rows that tell a line and their noise.
+    const LEAST: usize = 3;
     let mut sorted = points.to_vec();
     sorted.sort_by(|a, b| a.screw_c.total_cmp(&b.screw_c));
+    let follows = |a: &Point, b: &Point| b.screw_c - a.screw_c <= SAME_RUN_C;
     let mut runs: Vec<Vec<Point>> = Vec::new();
-    let mut last = f64::NEG_INFINITY;
-    for point in sorted {
-        match runs.last_mut() {
-            Some(run) if point.screw_c - last <= SAME_RUN_C => run.push(point),
-            _ => runs.push(vec![point]),
+    for stretch in sorted.chunk_by(follows) {
+        let from = runs.len();
+        for point in stretch {
+            match runs[from..].last_mut() {
+                Some(run) if point.screw_c - run[0].screw_c <= WARMS_C => run.push(point.clone()),
+                _ => runs.push(vec![point.clone()]),
+            }
         }
-        last = point.screw_c;
+        // What is left over at the end goes with what was before it.
+        if runs.len() > from + 1
+            && let Some(short) = runs.pop_if(|run| run.len() < LEAST)
+            && let Some(run) = runs.last_mut()
+        {
+            run.extend(short);
+        }
     }
     runs
 }

@@ -112,6 +112,11 @@ impl Screw {
         self.tk_max_um_per_m * 1e-6 / (self.t_max_c - self.t0_c)
     }
 
+    /// The lowest temperature that was calibrated, or that of no slope.
+    pub fn lowest_c(&self) -> f64 {
+        self.slopes.iter().map(|s| s.screw_c).fold(self.t0_c, f64::min)
+    }
+
     /// Deviation `tan β(T) (P - P0)` and the half-width of the 95 % interval for what correcting it leaves.
     pub fn deviation(&self, screw_c: f64, position_mm: f64) -> (f64, f64) {
         let (k, t, p) = (self.per_degree(), screw_c - self.t0_c, position_mm - self.p0_mm);
@@ -164,7 +169,8 @@ fn fit_axis(
 ) -> Result<Screw> {
     let given = |pairs: &[(String, f64)]| pairs.iter().find(|(n, _)| n == axis).map(|p| p.1);
     let (given_p0, given_t0) = (given(&options.p0_mm), given(&options.t0_c));
-    let lines = Lines::fit(axis, points, given_t0)?;
+    let rough = Lines::fit(axis, points, given_t0)?;
+    let lines = rough.levelled(axis, rough.slopes_law(axis, given_t0)?.0, given_t0)?;
     let (per_degree, t0) = lines.slopes_law(axis, given_t0)?;
     let meet = lines.meet();
     let p0 = reference_mm(axis, &lines, meet, given_p0, warnings);

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 pub struct Sums {
     /// Rows behind the sums, after what consecutive rows repeat of each other is taken off.
     pub effective_rows: f64,
-    /// Upper triangle, row by row, over (sensors.., 1, displacement).
+    /// All products of two, row by row, over (sensors.., 1, displacement).
     products: Vec<f64>,
     size: usize,
 }
