@@ -346,4 +346,12 @@ fn results_never_replace_what_is_measured() {
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("--out") && said.contains("p0000.png"), "{said}");
     assert!(!dir.join("out/batch.json").exists());
+    // Nor what somebody else keeps under a name of theirs.
+    std::fs::create_dir(dir.join("notes")).unwrap();
+    std::fs::write(dir.join("notes/results.jsonl"), "mine").unwrap();
+    let output = batch(dir, "notes", &[]).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("results.jsonl that is no batch's"), "{said}");
+    assert_eq!(std::fs::read(dir.join("notes/results.jsonl")).unwrap(), b"mine");
 }

@@ -232,6 +232,16 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     refused(dir, &["solve", "none.toml"], "none.toml");
     let log = std::fs::read_to_string(dir.join("log.txt")).unwrap();
     assert!(log.contains("ended: Good") && log.contains("ended: none.toml"), "{log}");
+    // Its paths are seen from the file's folder.
+    std::fs::create_dir(dir.join("sub")).unwrap();
+    std::fs::remove_file(dir.join("kept.sqlite")).unwrap();
+    let mut elsewhere = Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
+    elsewhere.current_dir(dir.join("sub")).env("PIVOTSIGHT_CONFIG", dir.join("config.toml"));
+    assert!(elsewhere.args(["solve", "../session.toml"]).output().unwrap().status.success());
+    assert!(dir.join("kept.sqlite").exists() && !dir.join("sub/kept.sqlite").exists());
+    // What is said on the command line is not held against what does not go with it here.
+    std::fs::write(dir.join("config.toml"), "[verify]\ndata = \"none.csv\"\n").unwrap();
+    refused(dir, &["verify", "--plan", "s.csv", "--machine", "m.toml"], "m.toml: cannot read");
     for (config, words) in [
         ("[fly]\na = 1\n", "fly"),
         ("[slove]\na = 1\n", "did you mean 'solve'?"),

@@ -138,6 +138,26 @@ fn exact_positions_show_no_scatter_and_one_slip_is_named_and_left_out() {
     }
 }
 
+/// Moved along its rim a capture shows an arc that looks nearly right, and leads the search astray until it is left out of it.
+#[test]
+fn a_capture_displaced_along_the_rim_is_found_out() {
+    let rod = rendered();
+    for (moved, slip_mm) in [(1, 0.06), (3, 0.09), (4, 0.13)] {
+        let report = rod.displaced(|i| {
+            let out = (rod.center_mm - rod.captures[i].position_mm).normalize();
+            if i == moved { slip_mm * Vector2::new(-out.y, out.x) } else { Vector2::zeros() }
+        });
+        let image = &report.captures[moved].image;
+        let told = report.warnings.iter().any(|w| w.starts_with(&format!("{image}: ")));
+        assert!(told, "{moved}: {:?}", report.warnings);
+        for k in 0..2 {
+            let error = (report.rod_centers[0].center_mm[k] - rod.center_mm[k]).abs();
+            let u95 = report.rod_centers[0].center_u95_mm[k];
+            assert!(error < 1.5 * u95 && u95 < 0.002, "{moved}: {error} ± {u95}");
+        }
+    }
+}
+
 /// On the side away from the light the chamfer is as dark as the table, and its inner edge the only one to be seen: the rim is
 /// found all the same, not a circle through the rim here and the chamfer there, nor the chamfer's.
 #[test]

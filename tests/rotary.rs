@@ -206,6 +206,9 @@ fn controls_get_their_tables_in_their_own_sense() {
         sum += s;
         assert!((a - sum).abs() < 1e-9);
     }
+    // Steps are nil at their reference: what the table is there, at 90°, is in none of them.
+    let steps = read(table("csv", &["--incremental", "--reference-deg", "90"]));
+    assert!((steps[0] + absolute[2]).abs() < 1e-9 && absolute[2].abs() > 1e-4, "{absolute:?}");
 }
 
 #[test]

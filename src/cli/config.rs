@@ -135,8 +135,13 @@ impl File<'_> {
 
     /// Whether the command line has an option of the command that does not go with another.
     fn excludes(&self, command: &clap::Command, option: &clap::Arg) -> bool {
+        let one_of = |a: &clap::Arg, b: &clap::Arg| {
+            let has = |g: &clap::ArgGroup, a: &clap::Arg| g.get_args().any(|id| id == a.get_id());
+            command.get_groups().any(|g| has(g, a) && has(g, b) && !g.clone().is_multiple())
+        };
         let not_with = |a: &clap::Arg, b: &clap::Arg| {
-            command.get_arg_conflicts_with(a).iter().any(|c| c.get_id() == b.get_id())
+            let conflicts = command.get_arg_conflicts_with(a);
+            conflicts.iter().any(|c| c.get_id() == b.get_id()) || one_of(a, b)
         };
         let own = |id: &clap::Id| command.get_arguments().any(|a| a.get_id() == id);
         own(option.get_id())

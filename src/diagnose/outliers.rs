@@ -6,9 +6,9 @@ use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::noise::Space;
-use crate::diagnose::parts::{Part, part_chi2};
+use crate::diagnose::parts::{Part, add, part_chi2};
 use crate::diagnose::rim::is_rough;
-use crate::diagnose::score::gain_of_free;
+use crate::diagnose::score::{Standing, gain_of_free};
 use crate::diagnose::select::{Selection, select};
 use crate::fit::robust::{range, scatter};
 use crate::fit::tails::chi2_quantile;
@@ -56,6 +56,9 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
             suspected.push(suspects);
         }
     }
+    if model.active.is_empty() {
+        suspected.extend(far_from_likeliest_name(&first.fitter, &first.selection));
+    }
     for suspects in
         suspected.into_iter().filter(|s| !s.is_empty() && few(s.len(), layout.values.len()))
     {
@@ -68,6 +71,15 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
         Some(second) if second.fair_ln_evidence() > first.fair_ln_evidence() => second,
         _ => first,
     }
+}
+
+/// What the likeliest single name leaves far away: a shape may have been taken in its place because it could be bent to follow that.
+fn far_from_likeliest_name(fitter: &Fitter, s: &Selection) -> Option<Vec<usize>> {
+    let scores = Standing::new(fitter, &s.baseline, &[]).scores(fitter, &s.baseline, &s.library);
+    let best = scores.into_iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence))?;
+    let model = add(fitter, &s.baseline.model, &s.library.candidates[best.candidate].who);
+    let named = fitter.fit(model, Some(&s.baseline.noise));
+    Some(far(fitter, &named, fitter.experiment.layout()))
 }
 
 /// The selection with errors that follow one another, if what the names leave does: a shape, and a name called in beside it, may

@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
     Column, above_zero, ambient_from, dead_sensor, first_gone_s, gone, hats, heating, metres,
-    metres_from, middle, risen, rises, times, went,
+    metres_from, middle, risen, rises, softly, times, went,
 };
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
@@ -252,9 +252,13 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
     form(l, axes, &[one("rate_mm_h_per_c", 0.01)], None, |data, _| {
         vec![heating(data).iter().map(|rate| rate * 3.6).collect()]
     });
-    if !data.head_c.is_empty() {
-        form(l, axes, &[one("head_half_width_mm", 0.01)], None, |data, _| {
-            vec![data.rates(&data.head_c[0]).iter().map(|rate| rate.signum()).collect()]
+    for k in 0..data.head_c.len() {
+        let named = |soft: &str| one(format!("head_{}_{soft}half_width_mm", k + 1), 0.01);
+        form(l, axes, &[named("")], None, move |data, _| {
+            vec![data.rates(&data.head_c[k]).iter().map(|rate| rate.signum()).collect()]
+        });
+        form(l, axes, &[named("soft_")], None, move |data, _| {
+            vec![softly(&data.rates(&data.head_c[k]))]
         });
     }
 }

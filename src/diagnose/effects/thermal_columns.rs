@@ -100,6 +100,12 @@ pub fn went(data: &Columns) -> Vec<f64> {
     out
 }
 
+/// The sign of rates, soft where they are below half of what is usual: a turn takes its time.
+pub fn softly(rates: &[f64]) -> Vec<f64> {
+    let usual = (rates.iter().map(|r| r * r).sum::<f64>() / rates.len().max(1) as f64).sqrt();
+    rates.iter().map(|rate| (2.0 * rate / usual.max(1e-300)).tanh()).collect()
+}
+
 /// How fast each row's screw warms up, °C per second.
 pub fn heating(data: &Columns) -> Vec<f64> {
     let mut out = vec![0.0; data.series.len()];

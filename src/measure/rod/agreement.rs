@@ -21,6 +21,8 @@ const FAR_ASTRAY: f64 = 4.0;
 /// Machine positions that scatter by more than this are worth a word, where captures that are in place are this improbable.
 const SCATTER_MM: f64 = 0.001;
 const IN_PLACE: f64 = 0.01;
+/// Part of a capture's edge points below which they may be those of another edge that crosses the rim.
+const HARDLY_USED: f64 = 0.25;
 
 /// Refuses captures whose edges lie on no common circle.
 pub(super) fn check(
@@ -139,11 +141,18 @@ pub(super) fn places_and_form(
                 "its edge misses the rim of the other captures, by {mean_mm:.4} mm in the mean and {rms_mm:.4} mm rms"
             )
         } else {
-            "where the other captures put its rim there is none".to_owned()
+            "its rim is not where the other captures put it".to_owned()
         };
         warnings.push(format!(
             "{}: left out: {what}: check the picture, its x_mm, y_mm and c_deg",
             c.image
+        ));
+    }
+    for c in captures.iter().filter(|c| c.edge_points > 0 && c.arc_used < HARDLY_USED) {
+        warnings.push(format!(
+            "{}: only {:.0} % of its edge lies where the other captures put the rim: check the picture, its x_mm, y_mm and c_deg",
+            c.image,
+            100.0 * c.arc_used
         ));
     }
     if let Some(by) = refined.enlarged {

@@ -95,8 +95,9 @@ pub(super) fn finish(
         lines_mm: off_mm,
     };
     let budget = sources.budget(axis_u95, diameter_u95_mm);
+    let seen = captures.iter().zip(angle_of);
     let circles =
-        arcs.iter().map(|a| Circle { center: centers[a.angle] - a.position_mm, radius }).collect();
+        seen.map(|(c, &a)| Circle { center: centers[a] - c.position_mm, radius }).collect();
     Ok(Measured {
         report: Report {
             rod_centers,

@@ -47,6 +47,7 @@ pub(super) fn follow(
         arcs = frames
             .par_iter()
             .enumerate()
+            .filter(|(i, _)| rim.without != Some(*i))
             .filter_map(|(i, (frame, view))| {
                 let position_mm = captures[i].position_mm;
                 let rough = guess.seen(angle_of[i], i, position_mm);

@@ -172,17 +172,15 @@ pub fn measure_frames(
             best = Ok(other);
         }
     }
-    // One at a wrong position is left out once the others have shown where the rim is.
-    let alone = if captures.len() >= LEAST_WITHOUT { captures.len() } else { 0 };
-    for capture in 0..alone {
-        if best.is_ok() {
-            break;
-        }
-        if let Some(Ok(other)) = attempts.without(capture).map(&measure)
-            && !doubtful(&other)
-        {
-            best = Ok(other);
-        }
+    if best.is_err() && captures.len() >= LEAST_WITHOUT {
+        // Without one that is at a wrong position the others agree.
+        let others = (0..captures.len()).filter_map(|i| measure(attempts.without(i)?).ok());
+        let others = others.filter(|m| !doubtful(m));
+        let gone = |m: &Measured| m.report.captures.iter().filter(|c| c.edge_points == 0).count();
+        let apart = |m: &Measured| m.report.form_rms_mm.hypot(m.report.position_scatter_mm);
+        let order =
+            |a: &Measured, b: &Measured| gone(a).cmp(&gone(b)).then(apart(a).total_cmp(&apart(b)));
+        best = others.min_by(order).map_or(best, Ok);
     }
     if let Some(nominal_mm) = options.diameter_mm {
         let meets = |m: &Measured| options.is_nominal(m.report.diameter_mm);

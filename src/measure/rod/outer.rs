@@ -61,6 +61,8 @@ pub(super) struct Found {
     pub is_common: bool,
     /// Radius of an edge inside beside which this one is faint: a chamfer's, or this one is no rim.
     pub stronger_mm: Option<f64>,
+    /// A capture that is left out, as the others agree without it.
+    pub without: Option<usize>,
 }
 
 impl Found {
@@ -70,7 +72,16 @@ impl Found {
         let inside = Some(self.radius_mm);
         let centers = self.centers.clone();
         let (inner_mm, stronger_mm) = (inside, inside);
-        Some(Self { centers, radius_mm, inner_mm, fainter_mm: None, is_common: false, stronger_mm })
+        let without = self.without;
+        Some(Self {
+            centers,
+            radius_mm,
+            inner_mm,
+            fainter_mm: None,
+            is_common: false,
+            stronger_mm,
+            without,
+        })
     }
 }
 
@@ -176,6 +187,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         fainter_mm: common.or(fainter).map(radius_mm),
         is_common: common.is_some(),
         stronger_mm: all.stronger_inside(shift, outer, gap).map(radius_mm),
+        without: seen.without,
     })
 }
 
@@ -207,6 +219,7 @@ pub(super) fn just_outside(
         fainter_mm: None,
         is_common: false,
         stronger_mm: None,
+        without: None,
     })
 }
 
