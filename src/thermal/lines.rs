@@ -211,8 +211,8 @@ fn runs(points: &[Point]) -> Vec<Vec<Point>> {
         let from = runs.len();
         for point in stretch {
             match runs[from..].last_mut() {
-                Some(run) if point.screw_c - run[0].screw_c <= WARMS_C => run.push(point.clone()),
-                _ => runs.push(vec![point.clone()]),
+                Some(run) if point.screw_c - run[0].screw_c <= WARMS_C => run.push(*point),
+                _ => runs.push(vec![*point]),
             }
         }
         // What is left over at the end goes with what was before it.
