@@ -8,10 +8,15 @@ use crate::diagnose::pool::Who;
 use crate::diagnose::score::{Score, Standing};
 use crate::diagnose::select::Selection;
 
+/// Whether names show in several outputs at once, as no form that is not quite the machine's does.
+pub fn shows_in_several(fitter: &Fitter) -> bool {
+    fitter.experiment.layout().outputs().count() > 2
+}
+
 /// A rival must be this much less likely to be ruled out, nats: odds of 10 to 1 where names show in several outputs at once, of 100 to
 /// 1 where a form that is not quite the machine's can make as much of a difference.
 fn ruled_out(fitter: &Fitter) -> f64 {
-    if fitter.experiment.layout().outputs().count() > 2 { 2.3 } else { 4.6 }
+    if shows_in_several(fitter) { 2.3 } else { 4.6 }
 }
 
 /// Sizes beyond so many typical ones no machine shows: an alias that would have to be as large is none.
@@ -99,8 +104,9 @@ pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<
     let f = &selection.fitted;
     let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
     let own = own.filter(|own| own.rank >= 2)?;
-    // Itself in a plainer form may be one of the two.
-    let others = f.model.active.iter().enumerate().filter(|(k, _)| *k != i);
+    // Where a curved form is easily taken for what is two, itself in a plainer form may be one of them.
+    let itself = !shows_in_several(fitter);
+    let others = f.model.active.iter().enumerate().filter(|(k, _)| !itself || *k != i);
     let free = |effect: usize| !others.clone().any(|(_, a)| a.effect == effect);
     let pairs = best_pairs(fitter, f, &standing, &selection.library, &free, &|_| false);
     let as_good = |pair: &Score| pair.rank <= own.rank && pair.evidence >= own.evidence;

@@ -1,5 +1,6 @@
 //! Second thoughts of the selection: parts that others could stand in for, one by one and two by two.
 
+use crate::diagnose::classes::shows_in_several;
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
@@ -106,12 +107,19 @@ impl Selection {
                 (false, _) => own + LEAST_GAIN,
             };
             for (s, pair) in best_pairs(fitter, f, &standing, &self.library, &free, &is_it) {
-                // That a single name stays in its form, beside a second one, is for the next addition to say.
+                // That a single name stays, beside a second one, is for the next addition to say; but a curved form of it may have
+                // been taken for two, where names do not show in several outputs at once.
                 let one = match gone {
                     [Part::Effect(i)] => Some(&f.model.active[*i]),
                     _ => None,
                 };
-                let stays = |who: &Who| matches!((who, one), (Who::Effect(a), Some(one)) if (a.effect, a.form) == (one.effect, one.form));
+                let any_form = shows_in_several(fitter);
+                let stays = |who: &Who| match (who, one) {
+                    (Who::Effect(a), Some(one)) => {
+                        a.effect == one.effect && (any_form || a.form == one.form)
+                    }
+                    _ => false,
+                };
                 if !pair.iter().any(stays) {
                     let least = if is_it(&s) { LEAST_GAIN } else { f64::MIN };
                     consider((s.evidence - SECOND_NAME - own).max(least), &pair.each_ref());
