@@ -296,11 +296,15 @@ pub(super) fn arcs_seen(
     }
 }
 
-/// Says so where an edge farther out may be the rim.
-pub(super) fn fainter_rim(fainter_mm: Option<f64>, options: &Options, warnings: &mut Vec<String>) {
+/// Says so where an edge farther out may be the rim: it may not where what was measured is just as large as it should be.
+pub(super) fn fainter_rim(fainter_mm: Option<f64>, options: &Options, report: &mut Report) {
     let Some(radius_mm) = fainter_mm else { return };
     let outer_mm = 2.0 * radius_mm;
-    warnings.push(match options.diameter_mm {
+    let off_mm = options.diameter_mm.map(|nominal_mm| (report.diameter_mm - nominal_mm).abs());
+    if off_mm.is_some_and(|off_mm| off_mm < 0.5 * options.diameter_u_mm) {
+        return;
+    }
+    report.warnings.push(match options.diameter_mm {
         None => format!(
             "some captures show a fainter edge farther out, near diameter {outer_mm:.2} mm: if that is the rod's rim, give --diameter-mm"
         ),

@@ -147,7 +147,7 @@ pub fn measure_frames(
     let measure_at = |found: &Found| -> Result<Measured> {
         let followed = follow(captures, frames, found, &angle_of)?;
         let mut measured = finish(captures, options, &c_deg, &angle_of, &followed)?;
-        agreement::fainter_rim(found.fainter_mm, options, &mut measured.report.warnings);
+        agreement::fainter_rim(found.fainter_mm, options, &mut measured.report);
         agreement::stronger_edge(found.stronger_mm, options, &mut measured.report.warnings);
         Ok(measured)
     };
