@@ -133,6 +133,14 @@ fn edits(a: &str, b: &str) -> usize {
 /// Shorthand used everywhere.
 pub type Result<T> = std::result::Result<T, Error>;
 
+/// Refuses an option's number that is not finite or not above 0.
+pub fn above_zero(option: &str, value: f64, fix: &str) -> Result<()> {
+    if value.is_finite() && value > 0.0 {
+        return Ok(());
+    }
+    Err(Error::option(option, format!("{value} is not above 0"), fix))
+}
+
 impl Error {
     /// A system error on `path` while trying to `action`.
     pub fn io(path: impl AsRef<Path>, action: &'static str, source: std::io::Error) -> Self {

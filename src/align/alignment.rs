@@ -15,26 +15,36 @@ use crate::uncertainty::K95;
 /// How the blank lies. Angles level the blank: `Ry(B) Rx(A)`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
 #[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
 pub struct Alignment {
+    /// Turn about X that levels the blank, first of the two.
     pub a_deg: f64,
+    /// Half-width of its 95 % interval, as all `u95`.
     pub a_u95_deg: f64,
+    /// Turn about Y that levels the blank.
     pub b_deg: f64,
+    /// Of `b_deg`.
     pub b_u95_deg: f64,
     /// Height of the levelled face above the ideal one.
     pub dz_mm: f64,
+    /// Of `dz_mm`.
     pub dz_u95_mm: f64,
     /// Midpoints of the side touches; `null` without them.
     pub center_mm: Option<[f64; 2]>,
+    /// Of `center_mm`.
     pub center_u95_mm: Option<[f64; 2]>,
     /// Mean height of the side touches.
     pub center_z_mm: f64,
+    /// Height of the ideal face.
     pub z_ideal_mm: f64,
+    /// Where the ideal blank's axis is.
     pub center_ideal_mm: [f64; 2],
+    /// Turn of the blank about its axis, as told.
     pub c_deg: f64,
-    /// Standard uncertainty of a touch, and the face's form (rms residual).
+    /// Standard uncertainty of a touch.
     pub touch_u_mm: f64,
+    /// The face's form: rms of what the plane leaves.
     pub face_rms_mm: f64,
+    /// How many touches the face has.
     pub face_points: usize,
 }
 

@@ -9,7 +9,7 @@ use super::Alignment;
 use super::mover::Mover;
 use super::nc::{Block, Modal};
 use super::post::{Log, Poster};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::frame::named::ends_in;
 use crate::machine::Machine;
 use crate::output::write_streamed;
@@ -79,16 +79,8 @@ impl Default for Options {
 impl Options {
     /// Checks them; what the input and the output hold, as said or by their names.
     fn forms(&self, input: &Path, output: &Path) -> Result<(Form, Form)> {
-        if !(self.tolerance_mm.is_finite() && self.tolerance_mm > 0.0) {
-            return Err(Error::option(
-                "--tolerance-mm",
-                "is not above 0",
-                "give for example 0.005",
-            ));
-        }
-        if !(self.feed_mm_min.is_finite() && self.feed_mm_min > 0.0) {
-            return Err(Error::option("--feed-mm-min", "is not above 0", "give a feed"));
-        }
+        above_zero("--tolerance-mm", self.tolerance_mm, "give for example 0.005")?;
+        above_zero("--feed-mm-min", self.feed_mm_min, "give a feed")?;
         if self.decimals.is_some_and(|d| d > 12) {
             return Err(Error::option("--decimals", "is out of range", "give 0 to 12"));
         }

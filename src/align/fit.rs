@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::alignment::{Alignment, leveller};
 use super::touches::Touches;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::range;
 use crate::uncertainty::{K95, k95};
 
@@ -39,14 +39,8 @@ impl Options {
                 return Err(Error::option(option, "is not finite", "give a number"));
             }
         }
-        if self.touch_u_mm.is_some_and(|u| !(u.is_finite() && u > 0.0)) {
-            return Err(Error::option(
-                "--touch-u-mm",
-                "is not above 0",
-                "give the standard uncertainty of a touch in mm",
-            ));
-        }
-        Ok(())
+        let fix = "give the standard uncertainty of a touch in mm";
+        self.touch_u_mm.map_or(Ok(()), |u| above_zero("--touch-u-mm", u, fix))
     }
 }
 

@@ -8,7 +8,7 @@ use super::path::{Path, Setup};
 use super::report::{Combination, Report, Term, Value};
 use super::sight::{Sight, null_space, rows, suggest};
 use super::swarm;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::least_squares::Solution;
 use crate::fit::{least_squares, serial};
 use crate::uncertainty::{K95, k95};
@@ -106,14 +106,8 @@ fn check(points: usize, unknowns: usize, options: &Options) -> Result<()> {
             "measure the whole path",
         ));
     }
-    if options.noise_mm.is_some_and(|s| !(s.is_finite() && s > 0.0)) {
-        return Err(Error::option(
-            "--noise-mm",
-            "is not above 0",
-            "give the standard uncertainty of a length in mm",
-        ));
-    }
-    Ok(())
+    let fix = "give the standard uncertainty of a length in mm";
+    options.noise_mm.map_or(Ok(()), |s| above_zero("--noise-mm", s, fix))
 }
 
 /// Lengths of the bar, as they depend on the visible directions z of the scaled errors.

@@ -6,10 +6,12 @@ use crate::plot::{Figure, Panel};
 
 /// An error the paths can see.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-#[allow(missing_docs)]
 pub struct Value {
+    /// Its name.
     pub name: String,
+    /// In `unit`.
     pub value: f64,
+    /// mm or deg.
     pub unit: String,
     /// Half-width of the 95 % interval, in `unit`.
     pub u95: f64,
@@ -17,9 +19,10 @@ pub struct Value {
 
 /// A name with a number.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-#[allow(missing_docs)]
 pub struct Term {
+    /// The error's name.
     pub name: String,
+    /// Its factor.
     pub value: f64,
 }
 

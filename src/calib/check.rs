@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::calib::mark;
 use crate::calib::plane::odd_one_out;
 use crate::camera::Calibration;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::least_squares;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::circles;
@@ -40,13 +40,7 @@ pub fn diameter(
     tolerance_mm: f64,
     subject: &str,
 ) -> Result<DiameterReport> {
-    if !(known_mm.is_finite() && known_mm > 0.0) {
-        return Err(Error::option(
-            "--diameter-mm",
-            format!("{known_mm} is not a diameter"),
-            "give a positive number in mm",
-        ));
-    }
+    above_zero("--diameter-mm", known_mm, "give the known diameter in mm")?;
     let options = circles::Options { expect_mm: vec![known_mm], channel: Channel::Auto };
     let seen = circles::measure(picture, calibration, &options, subject)?.report;
     let Some(circle) = seen.circles.first().map(|c| &c.circle) else {

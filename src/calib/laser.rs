@@ -11,7 +11,7 @@ use nalgebra::Vector2;
 use serde::Serialize;
 
 use crate::camera::{Calibration, Laser};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::median;
 use crate::frame::Picture;
 use crate::measure::circles;
@@ -107,13 +107,7 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Sh
 
 /// Measures every burn and averages what they say. `diameter_mm` is about that of the burns.
 pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) -> Result<Report> {
-    if !(diameter_mm.is_finite() && diameter_mm > 0.0) {
-        return Err(Error::option(
-            "--diameter-mm",
-            format!("{diameter_mm} is not a diameter"),
-            "give a positive number in mm",
-        ));
-    }
+    above_zero("--diameter-mm", diameter_mm, "give the burns' diameter in mm")?;
     let options = circles::Options { expect_mm: vec![diameter_mm], channel: Default::default() };
     let mut burns = Vec::new();
     for shot in shots {

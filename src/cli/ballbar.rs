@@ -11,7 +11,7 @@ use super::outfiles::OutFile;
 use super::{Global, Outcome, result, rows};
 use crate::ballbar::model::{Bar, Point};
 use crate::ballbar::{Data, ERRORS, Path, Setup, decouple, path, swarm};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::machine::written_deg;
 use crate::output::Document;
 
@@ -190,9 +190,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
     let (a, b) = (tool(&poses[0]), tool(&poses[1]));
     let step_mm = (a[0] - b[0]).hypot(a[1] - b[1]);
     if let Some(file) = &args.gcode {
-        if !(args.feed_mm_min.is_finite() && args.feed_mm_min > 0.0) {
-            return Err(Error::option("--feed-mm-min", "is not above 0", "give a speed"));
-        }
+        above_zero("--feed-mm-min", args.feed_mm_min, "give a speed")?;
         let zero = [args.x_zero_mm, args.z_zero_mm];
         if !zero.iter().all(|v| v.abs() < 1e6) {
             return Err(Error::option(

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::{Global, Outcome, Status, result, rows};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::output::{Document, Format, write_streamed};
 use crate::thermal::compensate::{self, Compensator};
 use crate::thermal::{self, Model, head, screw, simulate, verify};
@@ -158,9 +158,7 @@ fn fit(args: &FitArgs, global: &Global) -> Result<Outcome> {
 }
 
 fn compensator(args: &CompensateArgs) -> Result<Compensator> {
-    if args.stuck_c.is_some_and(|c| !(c.is_finite() && c > 0.0)) {
-        return Err(Error::option("--stuck-c", "is not above 0", "give for example 5"));
-    }
+    args.stuck_c.map_or(Ok(()), |c| above_zero("--stuck-c", c, "give for example 5"))?;
     Ok(Compensator::new(Model::read(&args.model)?, compensate::Options { stuck_c: args.stuck_c }))
 }
 

@@ -9,7 +9,7 @@ use crate::diagnose::experiment::{Active, EffectInfo, Experiment, Parameter, siz
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::noise::{Noise, Space};
 use crate::diagnose::report::Detectable;
-use crate::error::{Error, Result};
+use crate::error::{Result, above_zero};
 
 /// A parameter of this many standard errors is found 19 times of 20 at the library's test level.
 const SEEN: f64 = 5.4;
@@ -20,13 +20,7 @@ const ABSORBED: &str = "the baseline absorbs it on this plan";
 
 /// The least detectable size of each effect's simplest form, and its aliases.
 pub fn detectable(experiment: &dyn Experiment, noise_mm: f64) -> Result<Vec<Detectable>> {
-    if !(noise_mm.is_finite() && noise_mm > 0.0) {
-        return Err(Error::option(
-            "--noise-mm",
-            format!("is {noise_mm}"),
-            "give a size above zero",
-        ));
-    }
+    above_zero("--noise-mm", noise_mm, "give a size in mm")?;
     let layout = experiment.layout();
     let fitter = Fitter {
         experiment,

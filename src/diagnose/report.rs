@@ -75,12 +75,16 @@ pub struct Unnamed {
 
 /// Root mean squares before and after, on the fitted data and on captures held out.
 #[derive(Debug, Clone, Default, Serialize, schemars::JsonSchema)]
-#[allow(missing_docs)]
 pub struct Gap {
+    /// The model as given, on the data it is fitted to.
     pub before_rms_mm: f64,
+    /// The same with the named effects.
     pub after_rms_mm: f64,
+    /// The model as given, on captures the fit has not seen.
     pub heldout_before_rms_mm: f64,
+    /// The same with the named effects.
     pub heldout_after_rms_mm: f64,
+    /// What the noise alone leaves.
     pub noise_rms_mm: f64,
     /// After, with the shapes that have no name as well; none where there are none.
     pub with_unnamed_rms_mm: Option<f64>,
@@ -88,12 +92,16 @@ pub struct Gap {
 
 /// Where simulation and data disagree.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
-#[allow(missing_docs)]
 pub struct Where {
+    /// The column that differs.
     pub output: String,
+    /// The variable over which it does.
     pub versus: String,
+    /// The range's lower end, in the variable's unit.
     pub from: f64,
+    /// Its upper end.
     pub to: f64,
+    /// Root mean square of the differences there.
     pub rms_mm: f64,
 }
 

@@ -3,6 +3,7 @@
 use nalgebra::{SMatrix, SVector};
 
 use crate::fit::circle::tukey;
+use crate::fit::robust;
 
 /// Low-order curves over the contour: harmonics when it is closed, polynomials when it is an arc.
 ///
@@ -128,8 +129,7 @@ pub(super) fn median(values: &[f64], weights: &[f64]) -> f64 {
     if list.is_empty() {
         return 0.0;
     }
-    let middle = list.len() / 2;
-    *list.select_nth_unstable_by(middle, f64::total_cmp).1
+    robust::median(&mut list)
 }
 
 /// Robust standard deviation about the curve.

@@ -9,7 +9,7 @@ use nalgebra::Vector2;
 use serde::Serialize;
 
 use crate::camera::{Calibration, View};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::frame::Frame;
 use crate::live::track::Tracker;
 use crate::live::{Event, Feed, Shot, Stats};
@@ -197,15 +197,7 @@ fn check(options: &Options) -> Result<()> {
         ("--tolerance-mm", options.tolerance_mm),
     ];
     for (name, value) in lengths {
-        if let Some(v) = value
-            && !(v.is_finite() && v > 0.0)
-        {
-            return Err(Error::option(
-                name,
-                format!("{v} is not a length"),
-                "give a positive number in mm",
-            ));
-        }
+        value.map_or(Ok(()), |v| above_zero(name, v, "give a length in mm"))?;
     }
     Ok(())
 }

@@ -72,12 +72,14 @@ fn unsaid() -> f64 {
 /// `[table]`: the C axis at the table's surface, in machine coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-#[allow(missing_docs)]
 pub struct Table {
+    /// Machine X.
     #[serde(default)]
     pub xc_mm: f64,
+    /// Machine Y.
     #[serde(default)]
     pub yc_mm: f64,
+    /// Machine Z.
     #[serde(default)]
     pub zc_mm: f64,
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
 use crate::camera::Calibration;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::frame::{Channel, Picture};
 use crate::measure::marks;
 use crate::measure::offset::Offset;
@@ -145,13 +145,7 @@ fn refutes(clear: &Measured, other: &Measured) -> bool {
 
 /// Checks the options; the same for every picture.
 pub fn check(options: &Options) -> Result<()> {
-    let positive = |name: &str, v: f64| {
-        if v.is_finite() && v > 0.0 {
-            Ok(())
-        } else {
-            Err(Error::option(name, format!("{v} is not a length"), "give a positive number in mm"))
-        }
-    };
+    let positive = |name, v| above_zero(name, v, "give a length in mm");
     positive("--tolerance-mm", options.tolerance_mm)?;
     positive("--ring-height-mm", options.ring_height_mm)?;
     positive("--spot-height-mm", options.spot_height_mm)?;

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use serde::{Deserialize, Serialize};
 
 use crate::camera::{Calibration, View};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::find;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::ring::Ring;
@@ -108,13 +108,7 @@ pub fn check(options: &Options) -> Result<()> {
         ));
     }
     for (i, d) in options.expect_mm.iter().enumerate() {
-        if !(d.is_finite() && *d > 0.0) {
-            return Err(Error::option(
-                "--expect-mm",
-                format!("{d} is not a diameter"),
-                "give a positive number in mm",
-            ));
-        }
+        above_zero("--expect-mm", *d, "give a diameter in mm")?;
         if options.expect_mm[..i].contains(d) {
             return Err(Error::option(
                 "--expect-mm",

@@ -8,7 +8,7 @@ use std::fmt::Write;
 
 use super::curve::Curve;
 use super::{Direction, Report};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 
 /// For which control a table is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -102,9 +102,7 @@ pub fn left_at_reference_deg(report: &Report, options: &Options) -> Result<Optio
 
 /// The table's text.
 pub fn text(report: &Report, options: &Options) -> Result<String> {
-    if !(options.resolution_deg.is_finite() && options.resolution_deg > 0.0) {
-        return Err(Error::option("--resolution-deg", "is not above 0", "give for example 0.0001"));
-    }
+    above_zero("--resolution-deg", options.resolution_deg, "give for example 0.0001")?;
     if options.axis.is_empty() || !options.axis.chars().all(|c| c.is_ascii_alphanumeric()) {
         return Err(Error::option(
             "--axis",

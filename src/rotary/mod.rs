@@ -15,7 +15,7 @@ mod sweep;
 pub use report::{Flag, Report, Row, Rule, Summary};
 pub use sweep::{Direction, Group, Noise, Sweep};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::uncertainty::K95;
 use crate::units;
 
@@ -63,14 +63,8 @@ impl Options {
     }
 
     fn validate(&self) -> Result<()> {
-        let positive = |v: f64| v.is_finite() && v > 0.0;
-        if !positive(self.pivot_mm) {
-            return Err(Error::option(
-                "--pivot-mm",
-                format!("{} is not a length", self.pivot_mm),
-                "give the measured distance from the rotary axis to the tool point in mm",
-            ));
-        }
+        let fix = "give the measured distance from the rotary axis to the tool point in mm";
+        above_zero("--pivot-mm", self.pivot_mm, fix)?;
         for (option, value) in [
             ("--pivot-u-mm", self.pivot_u_mm),
             ("--dead-band-mm", self.dead_band_mm),

@@ -15,28 +15,34 @@ const SHOWN_DEG: [f64; 6] = [-90.0, -45.0, -30.0, 30.0, 45.0, 90.0];
 
 /// The result of `solve`. `*_u95_mm` are half-widths of 95 % intervals.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct Solution {
     /// Machine X where the B axis is over the rod.
     pub xb_mm: f64,
+    /// Of `xb_mm`.
     pub xb_u95_mm: f64,
     /// Machine Z where the nozzle touches the table.
     pub zb_mm: f64,
+    /// Of `zb_mm`.
     pub zb_u95_mm: f64,
-    /// The C axis.
+    /// The C axis' machine X.
     pub xc_mm: f64,
+    /// Of `xc_mm`.
     pub xc_u95_mm: f64,
-    /// The C axis.
+    /// The C axis' machine Y.
     pub yc_mm: f64,
+    /// Of `yc_mm`.
     pub yc_u95_mm: f64,
     /// From the B axis to the optical axis, along X.
     pub delta_x_mm: f64,
+    /// Of `delta_x_mm`.
     pub delta_x_u95_mm: f64,
     /// From the B axis to the nozzle's end face.
     pub r_mm: f64,
+    /// Of `r_mm`.
     pub r_u95_mm: f64,
     /// From the B axis to the focus.
     pub r_focus_mm: f64,
+    /// Of `r_focus_mm`.
     pub r_focus_u95_mm: f64,
     /// Tool side, pivot to nozzle.
     pub i1_mm: [f64; 3],
@@ -65,26 +71,35 @@ pub struct Solution {
 
 /// A limit of the method.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct Limit {
     /// The step: S1 to S4.
     pub step: &'static str,
+    /// What has to stay within it.
     pub what: &'static str,
+    /// What was measured.
     pub value_mm: f64,
+    /// Half-width of its 95 % interval.
     pub u95_mm: f64,
+    /// What the method allows.
     pub limit_mm: f64,
+    /// Whether it is kept.
     pub verdict: Verdict,
 }
 
 /// The third touch.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct CheckTouch {
+    /// The head's angle at the touch.
     pub b_deg: f64,
+    /// Machine X of the touch.
     pub measured_mm: f64,
+    /// What the two other touches say it should be.
     pub predicted_mm: f64,
+    /// Measured minus predicted.
     pub difference_mm: f64,
+    /// Half-width of its 95 % interval.
     pub difference_u95_mm: f64,
+    /// Whether they agree.
     pub verdict: Verdict,
 }
 
@@ -99,21 +114,27 @@ pub struct Change {
 
 /// A value now and then.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct Replaced {
+    /// The value's name, which ends in its unit.
     pub name: &'static str,
+    /// What the control holds.
     pub now: f64,
+    /// What to type in.
     pub new: f64,
+    /// New minus now.
     pub change: f64,
 }
 
 /// The tool point's error at one B.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
-#[allow(missing_docs)]
 pub struct Astray {
+    /// The head's angle.
     pub b_deg: f64,
+    /// Along machine X.
     pub dx_mm: f64,
+    /// Along machine Y.
     pub dy_mm: f64,
+    /// Along machine Z.
     pub dz_mm: f64,
 }
 

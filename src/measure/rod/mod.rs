@@ -23,7 +23,7 @@ pub use report::{CaptureReport, Options, Report, RodCenter};
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::Circle;
 use crate::frame::{Frame, Picture};
 use crate::units;
@@ -95,21 +95,9 @@ pub fn measure(
 
 /// Refuses options that no rod can have.
 pub fn check(options: &Options) -> Result<()> {
-    if !(options.diameter_u_mm.is_finite() && options.diameter_u_mm > 0.0) {
-        return Err(Error::option(
-            "diameter_u_mm",
-            format!("{} is no standard uncertainty", options.diameter_u_mm),
-            "give mm, above 0",
-        ));
-    }
-    if let Some(d) = options.diameter_mm
-        && !(d.is_finite() && d > 0.0)
-    {
-        return Err(Error::option(
-            "--diameter-mm",
-            format!("{d} is not a diameter"),
-            "give the rod's diameter in mm",
-        ));
+    above_zero("diameter_u_mm", options.diameter_u_mm, "give a standard uncertainty in mm")?;
+    if let Some(d) = options.diameter_mm {
+        above_zero("--diameter-mm", d, "give the rod's diameter in mm")?;
     }
     if options.c_sense.abs() != 1.0 {
         return Err(Error::option(

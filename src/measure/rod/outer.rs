@@ -170,7 +170,10 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let inner = peaks.iter().copied().rfind(|&b| b + gap <= outer);
     let share = if named.is_some() { SUPPORTED } else { FAINTER };
     let fainter = peaks_above(share).into_iter().rfind(|&b| b >= outer + gap);
-    let common = if nominal_mm.is_none() { all.common_step(shift, outer) } else { None };
+    // A nominal diameter says which edge is meant.
+    let open = nominal_mm.is_none();
+    let common = if open { all.common_step(shift, outer) } else { None };
+    let stronger = if open { all.stronger_inside(shift, outer, gap) } else { None };
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
@@ -186,7 +189,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         inner_mm: inner.map(radius_mm),
         fainter_mm: common.or(fainter).map(radius_mm),
         is_common: common.is_some(),
-        stronger_mm: all.stronger_inside(shift, outer, gap).map(radius_mm),
+        stronger_mm: stronger.map(radius_mm),
         without: seen.without,
     })
 }
