@@ -12,9 +12,10 @@ pub mod model;
 pub mod path;
 mod report;
 mod sight;
+pub mod simulate;
 pub mod swarm;
 
 pub use data::Data;
 pub use model::{ERRORS, Errors};
-pub use path::{Kind, Path, Setup};
+pub use path::{Kind, Path, Range, Setup};
 pub use report::{Combination, Report, Term, Value};

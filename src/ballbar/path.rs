@@ -61,6 +61,17 @@ pub struct Path {
     pub keep_bar: bool,
 }
 
+/// The part of a path that is measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Range {
+    /// First B angle.
+    pub from_deg: f64,
+    /// Last B angle.
+    pub to_deg: f64,
+    /// Number of equal steps along the arc.
+    pub steps: usize,
+}
+
 /// Where the axes are at one point of a path.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -70,6 +81,20 @@ pub struct Pose {
     pub x_mm: f64,
     /// Z position, up; the source's Z is its negative.
     pub up_mm: f64,
+}
+
+impl Pose {
+    /// The tool ball's place: X, up.
+    fn tool_mm(&self, setup: &Setup) -> [f64; 2] {
+        let (sin, cos) = self.b_rad.sin_cos();
+        [self.x_mm - setup.pivot_mm * sin, self.up_mm - setup.pivot_mm * cos]
+    }
+
+    /// How far the tool ball goes to another pose.
+    pub fn apart_mm(&self, other: &Self, setup: &Setup) -> f64 {
+        let (a, b) = (self.tool_mm(setup), other.tool_mm(setup));
+        (b[0] - a[0]).hypot(b[1] - a[1])
+    }
 }
 
 impl Path {
@@ -138,13 +163,8 @@ impl Path {
     }
 
     /// `steps + 1` poses from one angle to another with equal distances between tool points: at equal times, constant speed.
-    pub fn plan(
-        &self,
-        setup: &Setup,
-        from_deg: f64,
-        to_deg: f64,
-        steps: usize,
-    ) -> Result<Vec<Pose>> {
+    pub fn plan(&self, setup: &Setup, range: Range) -> Result<Vec<Pose>> {
+        let Range { from_deg, to_deg, steps } = range;
         setup.validate()?;
         if !(1..=100_000).contains(&steps)
             || !from_deg.is_finite()
@@ -161,7 +181,7 @@ impl Path {
         let angle =
             |i: usize| (from_deg + (to_deg - from_deg) * i as f64 / fine as f64).to_radians();
         let mut lengths = Vec::with_capacity(fine + 1);
-        let mut last: Option<[f64; 2]> = None;
+        let mut last: Option<Pose> = None;
         let mut total = 0.0;
         for i in 0..=fine {
             let pose = self.pose(setup, angle(i)).ok_or_else(|| {
@@ -175,13 +195,9 @@ impl Path {
                     "give a smaller range of B, a longer bar or a smaller shift of the cup",
                 )
             })?;
-            let (sin, cos) = pose.b_rad.sin_cos();
-            let tool = [pose.x_mm - setup.pivot_mm * sin, pose.up_mm - setup.pivot_mm * cos];
-            if let Some(before) = last {
-                total += (tool[0] - before[0]).hypot(tool[1] - before[1]);
-            }
+            total += last.map_or(0.0, |before| before.apart_mm(&pose, setup));
             lengths.push(total);
-            last = Some(tool);
+            last = Some(pose);
         }
         let mut poses = Vec::with_capacity(steps + 1);
         for k in 0..=steps {
@@ -235,7 +251,8 @@ mod tests {
     #[test]
     fn the_source_path_has_its_steps() {
         let setup = Setup::default();
-        let poses = Path::SOURCE.plan(&setup, 0.0, -60.0, 600).unwrap();
+        let poses =
+            Path::SOURCE.plan(&setup, Range { from_deg: 0.0, to_deg: -60.0, steps: 600 }).unwrap();
         assert_eq!(poses.len(), 601);
         for pair in poses.windows(2) {
             let tool = |p: &Pose| [p.x_mm - 400.0 * p.b_rad.sin(), p.up_mm - 400.0 * p.b_rad.cos()];

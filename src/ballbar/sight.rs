@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use super::data::Data;
 use super::decouple::Options;
 use super::model::{Bar, Point};
-use super::path::Path;
+use super::path::{Path, Range};
 use crate::error::Result;
 
 /// Singular values under this part of the largest are zero: the rest of rounding and of second-order terms.
@@ -159,7 +159,8 @@ pub(super) fn suggest(
         format!("zb-y{side}"),
     ] {
         let path = Path::parse(&name)?;
-        let Ok(poses) = path.plan(&options.setup, 0.0, -60.0, 120) else { continue };
+        let range = Range { from_deg: 0.0, to_deg: -60.0, steps: 120 };
+        let Ok(poses) = path.plan(&options.setup, range) else { continue };
         let mut points = data.points.clone();
         points.extend(Point::of(&path, data.paths.len(), &poses));
         let sight = Sight::of(bar, &points, options)?;

@@ -2,17 +2,14 @@
 
 use std::path::PathBuf;
 
-use rand::SeedableRng;
-use rand_distr::{Distribution, Normal};
 use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::outfiles::OutFile;
 use super::{Global, Outcome, result, rows};
-use crate::ballbar::model::{Bar, Point};
-use crate::ballbar::{Data, ERRORS, Path, Setup, decouple, path, swarm};
+use crate::ballbar::simulate::{self, Row};
+use crate::ballbar::{Data, Path, Range, Setup, decouple, path, swarm};
 use crate::error::{Error, Result, above_zero};
-use crate::machine::written_deg;
 use crate::output::Document;
 
 /// Ball bar with B and a linear axis moving together
@@ -59,6 +56,12 @@ struct RangeArgs {
     /// Number of equal steps along the arc
     #[arg(long, default_value_t = 600)]
     steps: usize,
+}
+
+impl RangeArgs {
+    fn range(&self) -> Range {
+        Range { from_deg: self.from_deg, to_deg: self.to_deg, steps: self.steps }
+    }
 }
 
 /// Positions with equal steps along the arc, and G-code at constant speed
@@ -143,34 +146,6 @@ pub struct Planned {
     rows: Vec<Row>,
 }
 
-/// What `simulate` prints.
-#[derive(Serialize, JsonSchema)]
-pub struct Simulated {
-    /// The points of every path.
-    rows: Vec<Row>,
-}
-
-/// A point of a path.
-#[derive(Serialize, JsonSchema)]
-struct Row {
-    /// The path's name.
-    path: String,
-    b_deg: f64,
-    x_mm: f64,
-    /// Downwards.
-    z_mm: f64,
-    /// Of the bar.
-    length_mm: f64,
-}
-
-impl Row {
-    fn new(path: &Path, pose: &path::Pose, length_mm: f64) -> Self {
-        // Adding zero turns -0 into 0.
-        let (b_deg, z_mm) = (written_deg(pose.b_rad), -pose.up_mm + 0.0);
-        Self { path: path.name().to_string(), b_deg, x_mm: pose.x_mm, z_mm, length_mm }
-    }
-}
-
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     match &args.command {
@@ -182,13 +157,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 
 fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
     let (path, setup) = (Path::parse(&args.path)?, args.setup.setup());
-    let poses = path.plan(&setup, args.range.from_deg, args.range.to_deg, args.range.steps)?;
-    let tool = |p: &path::Pose| {
-        let (sin, cos) = p.b_rad.sin_cos();
-        [p.x_mm - setup.pivot_mm * sin, p.up_mm - setup.pivot_mm * cos]
-    };
-    let (a, b) = (tool(&poses[0]), tool(&poses[1]));
-    let step_mm = (a[0] - b[0]).hypot(a[1] - b[1]);
+    let poses = path.plan(&setup, args.range.range())?;
+    let step_mm = poses[0].apart_mm(&poses[1], &setup);
     if let Some(file) = &args.gcode {
         above_zero("--feed-mm-min", args.feed_mm_min, "give a speed")?;
         let zero = [args.x_zero_mm, args.z_zero_mm];
@@ -228,55 +198,22 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
 }
 
 fn simulate(args: &SimulateArgs) -> Result<Outcome> {
-    let setup = args.setup.setup();
-    let (mut errors, mut given) = ([0.0; 6], [false; 6]);
-    for text in &args.error {
-        let wrong = |reason: String| {
-            Error::option("--error", reason, "write for example X0B=0.01,B0Z=-0.002")
-        };
-        let (name, value) =
-            text.split_once('=').ok_or_else(|| wrong(format!("'{text}' has no =")))?;
-        let written = name.trim().to_ascii_uppercase().replace('O', "0");
-        let index = ERRORS
-            .iter()
-            .position(|e| e.0 == written)
-            .ok_or_else(|| wrong(format!("'{name}' is none of X0B Z0B A0B C0B A0Z B0Z")))?;
-        if std::mem::replace(&mut given[index], true) {
-            return Err(wrong(format!("{written} is given twice")));
-        }
-        let value: f64 =
-            value.trim().parse().map_err(|_| wrong(format!("'{value}' is no number")))?;
-        errors[index] = if ERRORS[index].1 == "mm" { value } else { value.to_radians() };
-        let most = if ERRORS[index].1 == "mm" { 10.0 } else { 0.1 };
-        if errors[index].is_nan() || errors[index].abs() > most {
-            return Err(wrong(format!("'{text}' is no small error")));
-        }
-    }
-    let noise = Normal::new(0.0, args.noise_mm)
-        .ok()
-        .filter(|_| args.noise_mm >= 0.0)
-        .ok_or_else(|| Error::option("--noise-mm", "is out of range", "give 0 or more"))?;
-    let bar = Bar::new(&setup)?;
-    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(args.seed);
-    let mut list = Vec::new();
-    let mut largest: f64 = 0.0;
-    for (index, name) in args.path.iter().enumerate() {
-        let path = Path::parse(name)?;
-        let poses = path.plan(&setup, args.range.from_deg, args.range.to_deg, args.range.steps)?;
-        let lengths = bar.known(&Point::of(&path, index, &poses), &errors)?;
-        for (pose, length) in poses.iter().zip(lengths) {
-            largest = largest.max((length - path.bar_mm(&setup)).abs());
-            list.push(Row::new(&path, pose, length + noise.sample(&mut random)));
-        }
-    }
+    let simulated = simulate::simulate(&simulate::Options {
+        setup: args.setup.setup(),
+        paths: args.path.iter().map(|name| Path::parse(name)).collect::<Result<_>>()?,
+        range: args.range.range(),
+        errors: simulate::errors(&args.error)?,
+        noise_mm: args.noise_mm,
+        seed: args.seed,
+    })?;
     let table = format!(
-        "{} points on {}; the length changes by up to {largest:.5} mm; --format csv gives them\n",
-        list.len(),
-        args.path.join(", ")
+        "{} points on {}; the length changes by up to {:.5} mm; --format csv gives them\n",
+        simulated.rows.len(),
+        args.path.join(", "),
+        simulated.largest_mm
     );
-    let (rows, simulated) = (rows(&list), Simulated { rows: list });
     let json = result("ballbar-simulate", &args.path, &[], &simulated);
-    Ok(Outcome::good(Document { json, rows, table }))
+    Ok(Outcome::good(Document { json, rows: rows(&simulated.rows), table }))
 }
 
 fn take_apart(args: &DecoupleArgs, global: &Global) -> Result<Outcome> {

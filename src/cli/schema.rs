@@ -25,7 +25,7 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("align-apply", |g| g.root_schema_for::<align::apply::Report>()),
     ("ballbar-decouple", |g| g.root_schema_for::<ballbar::Report>()),
     ("ballbar-plan", |g| g.root_schema_for::<super::ballbar::Planned>()),
-    ("ballbar-simulate", |g| g.root_schema_for::<super::ballbar::Simulated>()),
+    ("ballbar-simulate", |g| g.root_schema_for::<ballbar::simulate::Simulated>()),
     ("batch", |g| g.root_schema_for::<super::batch::Output>()),
     ("burn", |g| g.root_schema_for::<Pictures<burn::Report>>()),
     ("calib-camera", |g| g.root_schema_for::<super::calib::camera::Output>()),
