@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::fit::tails::ln_f_tail;
+use crate::fit::tails::f_quantile;
 
 /// Half-width of a 95 % interval of a normal distribution, in standard deviations.
 pub const K95: f64 = 1.959_963_984_540_054;
@@ -16,7 +16,7 @@ pub fn k95(dof: f64) -> f64 {
         return K95;
     }
     if dof < 3.0 {
-        return k95_of_few(dof.max(1.0));
+        return f_quantile(0.05f64.ln(), 1.0, dof.max(1.0)).sqrt();
     }
     let z = K95;
     let g1 = (z.powi(3) + z) / 4.0;
@@ -27,20 +27,6 @@ pub fn k95(dof: f64) -> f64 {
         - 945.0 * z)
         / 92160.0;
     z + g1 / dof + g2 / dof.powi(2) + g3 / dof.powi(3) + g4 / dof.powi(4)
-}
-
-/// By bisection of t² = F with 1 and `dof` degrees of freedom.
-fn k95_of_few(dof: f64) -> f64 {
-    let (mut low, mut high) = (K95, 13.0);
-    for _ in 0..60 {
-        let middle = 0.5 * (low + high);
-        if ln_f_tail(middle * middle, 1.0, dof) > 0.05f64.ln() {
-            low = middle;
-        } else {
-            high = middle;
-        }
-    }
-    0.5 * (low + high)
 }
 
 /// A value and its standard uncertainty, in the same unit.

@@ -51,6 +51,7 @@ fn readings(sense: f64, rim: f64, draws: &[f64; 12]) -> Readings {
         axis_center_mm: [m(412.3 + u_axis * n0, u_axis), m(-87.6 + u_axis * n1, u_axis)],
         axis_from_seen_mm: m(0.0, 0.0),
         rod_offset_mm: m(0.0, u_rod),
+        offset_follows: [0.0; 2],
         diameter_mm: m(20.0 + u_d * n3, u_d),
         x1_mm: m(touch(90.0, *n9) + u_x * n4, u_x),
         x2_mm: m(touch(-90.0, *n10) + u_x * n5, u_x),

@@ -203,6 +203,7 @@ fn touch(machine: &mut VirtualMachine, rod: &rod::Report, burn: Option<&BurnTest
             value: at_touch.center_mm[0] - rod.axis_center_mm[0],
             u: at_touch.center_u95_mm[0] / K95,
         },
+        offset_follows: [0.0; 2],
         diameter_mm: Measured { value: rod.diameter_mm, u: rod.diameter_u95_mm / K95 },
         x1_mm: contact(machine.touch_rod(90.0)),
         x2_mm: contact(machine.touch_rod(-90.0)),

@@ -11,7 +11,7 @@ use crate::diagnose::rim::is_rough;
 use crate::diagnose::score::{Standing, gain_of_free};
 use crate::diagnose::select::{Selection, select};
 use crate::fit::robust::{range, scatter};
-use crate::fit::tails::chi2_quantile;
+use crate::fit::tails::f_quantile;
 
 /// Largest part of the observations that may be set aside.
 const MOST: f64 = 0.03;
@@ -190,7 +190,7 @@ pub(super) fn slipped(left: &DVector<f64>) -> Vec<bool> {
 
 /// Standard deviations beyond which one of so many values is far.
 fn limit(values: usize) -> f64 {
-    1.1 * chi2_quantile((1e-3 / values as f64).ln(), 1.0).sqrt()
+    1.1 * f_quantile((1e-3 / values as f64).ln(), 1.0, f64::INFINITY).sqrt()
 }
 
 /// The space the noise is described in; with the form of the artefact's rim where that is rough, or this correlation of neighbours.

@@ -53,12 +53,15 @@ pub fn ln_chi2_tail(x: f64, dof: f64) -> f64 {
     (front + h.ln()).min(0.0)
 }
 
-/// The x with P(χ² > x) = exp(ln_p), by bisection.
-pub fn chi2_quantile(ln_p: f64, dof: f64) -> f64 {
-    let (mut low, mut high) = (0.0, 10.0 * dof + 4.0 * ln_p.abs() + 10.0);
+/// The f with P(F > f) = exp(ln_p) for `d1` and `d2` degrees of freedom, by bisection; with `d2 = ∞` it is χ²/d1.
+pub fn f_quantile(ln_p: f64, d1: f64, d2: f64) -> f64 {
+    let (mut low, mut high) = (0.0, 1.0);
+    while ln_f_tail(high, d1, d2) > ln_p && high < 1e12 {
+        high *= 4.0;
+    }
     for _ in 0..80 {
         let middle = 0.5 * (low + high);
-        if ln_chi2_tail(middle, dof) > ln_p {
+        if ln_f_tail(middle, d1, d2) > ln_p {
             low = middle;
         } else {
             high = middle;
@@ -147,6 +150,7 @@ mod tests {
         ] {
             assert!((ours - table).abs() < 2e-2, "{ours} {table}");
         }
-        assert!((chi2_quantile(0.01_f64.ln(), 3.0) - 11.3449).abs() < 1e-3);
+        assert!((3.0 * f_quantile(0.01_f64.ln(), 3.0, f64::INFINITY) - 11.3449).abs() < 1e-3);
+        assert!((f_quantile(0.05_f64.ln(), 2.0, 6.0) - 5.1433).abs() < 1e-3);
     }
 }

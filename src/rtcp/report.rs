@@ -155,6 +155,10 @@ impl Solution {
             verdict: l.verdict,
         };
         let limits: Vec<Limit> = session.limits.iter().map(limit).collect();
+        let mut now = session.control.clone();
+        if let Some(now) = now.as_mut().filter(|_| !session.control_has_sense) {
+            solved.turn(now);
+        }
         let check_touch = solved.check.map(|c| CheckTouch {
             b_deg: c.b_rad.to_degrees(),
             measured_mm: c.measured_mm,
@@ -188,7 +192,7 @@ impl Solution {
             verdict: Verdict::worst(verdicts),
             limits,
             check_touch,
-            change: session.control.as_ref().map(|now| Change::of(now, machine)).transpose()?,
+            change: now.map(|now| Change::of(&now, machine)).transpose()?,
             budget: solved.budget.clone(),
         })
     }

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::{Matrix2, Matrix4, Rotation2, RowVector4, SMatrix, Vector2, Vector4};
 use serde::Deserialize;
 use serde_json::Value;
 
@@ -44,8 +44,26 @@ pub struct BurnResult {
 
 /// Degrees within which two angles of the table are one.
 const SAME_ANGLE_DEG: f64 = 0.5;
+/// No centre is taken for better known than this, mm.
+const LEAST_U_MM: f64 = 1e-6;
 /// Centres that miss their circle by more do not turn with the table as they are said to, mm.
 const MOST_ASTRAY_MM: f64 = 0.02;
+
+/// The rod's centre seen from the C axis along X.
+#[derive(Debug, Clone, Copy)]
+pub struct OffAxis {
+    /// With the part of its uncertainty that the axis does not share.
+    pub offset_mm: Measured,
+    /// How it changes with an error of the axis in X and in Y.
+    pub follows: [f64; 2],
+}
+
+impl OffAxis {
+    /// One that has nothing to do with the axis' errors.
+    pub fn alone(offset_mm: Measured) -> Self {
+        Self { offset_mm, follows: [0.0; 2] }
+    }
+}
 
 impl RodResult {
     /// Reads the file.
@@ -54,31 +72,52 @@ impl RodResult {
         file.shape(file.json()?)
     }
 
-    /// The rod's centre at a table angle, seen from the C axis along X: as it was seen there, or where the table turns it to from the
-    /// angles at which it was seen; `None` where these do not tell.
-    pub fn offset_at(&self, c_deg: f64, c_sense: i32) -> Option<Measured> {
+    /// The rod's centre at a table angle, seen from the C axis along X: from where it was seen at all angles; `None` where these do not
+    /// tell.
+    pub fn offset_at(&self, c_deg: f64, c_sense: i32) -> Option<OffAxis> {
         let axis = Vector2::from(self.axis_center_mm);
-        let off = |r: &RodCenter| Vector2::from(r.center_mm) - axis;
-        let seen = self.rod_centers.iter().find(|r| apart_deg(r.c_deg, c_deg) < SAME_ANGLE_DEG);
-        if let Some(seen) = seen {
+        if self.is_rods() {
             // The rod's own centre, seen at the touches' angle, is the very centre seen.
-            let u = if self.is_rods() { 0.0 } else { seen.center_u95_mm.pair()[0] / K95 };
-            return Some(Measured { value: off(seen).x, u });
+            let is_there = |r: &&RodCenter| apart_deg(r.c_deg, c_deg) < SAME_ANGLE_DEG;
+            let seen = self.rod_centers.iter().find(is_there)?;
+            return Some(OffAxis::alone(Measured::exact(seen.center_mm[0] - axis.x)));
         }
-        if self.is_rods() || self.rod_centers.len() < 2 {
+        // Axis and eccentricity together, by least squares: an error of the axis turns up in the eccentricity.
+        let turn = |c: f64| Rotation2::new(f64::from(c_sense) * c.to_radians());
+        let row = |c: f64| {
+            let mut row = SMatrix::<f64, 2, 4>::identity();
+            row.fixed_view_mut::<2, 2>(0, 2).copy_from(turn(c).matrix());
+            row
+        };
+        let (mut normal, mut right) = (Matrix4::zeros(), Vector4::zeros());
+        let weight = |r: &RodCenter| {
+            let u = r.center_u95_mm.pair().map(|u| (u / K95).max(LEAST_U_MM));
+            Matrix2::from_diagonal(&Vector2::from(u.map(|u| u.powi(-2))))
+        };
+        for seen in &self.rod_centers {
+            let (row, weight) = (row(seen.c_deg), weight(seen));
+            normal += row.transpose() * weight * row;
+            right += row.transpose() * weight * Vector2::from(seen.center_mm);
+        }
+        let covariance = normal.try_inverse()?;
+        let found = covariance * right;
+        let left = |r: &RodCenter| Vector2::from(r.center_mm) - row(r.c_deg) * found;
+        let count = self.rod_centers.len() as f64;
+        let missed_mm2: f64 = self.rod_centers.iter().map(|r| left(r).norm_squared()).sum();
+        if (missed_mm2 / count).sqrt() > MOST_ASTRAY_MM {
             return None;
         }
-        let turn = |c: f64| Rotation2::new(f64::from(c_sense) * c.to_radians());
-        let count = self.rod_centers.len() as f64;
-        let mean = |of: &dyn Fn(&RodCenter) -> Vector2<f64>| {
-            self.rod_centers.iter().map(of).sum::<Vector2<f64>>() / count
-        };
-        let eccentric = mean(&|r| turn(r.c_deg).inverse() * off(r));
-        let missed = mean(&|r| (off(r) - turn(r.c_deg) * eccentric).map(|v| v * v));
-        let stated = mean(&|r| Vector2::from(r.center_u95_mm.pair()).map(|u| (u / K95).powi(2)));
-        let u2 = 0.5 * (missed + stated).sum();
-        let told = missed.sum().sqrt() < MOST_ASTRAY_MM;
-        told.then(|| Measured { value: (turn(c_deg) * eccentric).x, u: u2.sqrt() })
+        let chi2: f64 = self.rod_centers.iter().map(|r| left(r).dot(&(weight(r) * left(r)))).sum();
+        let covariance = covariance * (chi2 / (2.0 * count - 4.0).max(1.0)).max(1.0);
+        let along: RowVector4<f64> = row(c_deg).row(0) - RowVector4::new(1.0, 0.0, 0.0, 0.0);
+        let with_axis = along * covariance;
+        let stated = self.axis_center_u95_mm.pair().map(|u| (u / K95).max(LEAST_U_MM).powi(2));
+        let follows = [with_axis[0] / stated[0], with_axis[1] / stated[1]];
+        let shared = follows[0] * with_axis[0] + follows[1] * with_axis[1];
+        let u2 = (with_axis * along.transpose())[0] - shared;
+        let value = (row(c_deg) * found).x - axis.x;
+        let offset_mm = Measured { value, u: u2.max(0.0).sqrt() };
+        Some(OffAxis { offset_mm, follows })
     }
 
     /// Whether its centre is the rod's at one angle and not the table's axis.

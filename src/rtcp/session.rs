@@ -53,6 +53,8 @@ pub struct Session {
     pub limits: Vec<Limit>,
     /// What the control holds now, where it is known.
     pub control: Option<Machine>,
+    /// Whether that comes from a machine file, which says the sense of B as well.
+    pub control_has_sense: bool,
     /// What had to be assumed.
     pub warnings: Vec<String>,
     /// The files the session file names.

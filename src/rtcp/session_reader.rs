@@ -6,7 +6,7 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
-use crate::rtcp::results::{BurnResult, RodResult};
+use crate::rtcp::results::{BurnResult, OffAxis, RodResult};
 use crate::rtcp::session::{Limit, Session};
 use crate::rtcp::session_file::{Burn, Control, File, Rod, Touch};
 use crate::rtcp::solve::Readings;
@@ -24,6 +24,7 @@ struct RodSeen {
     axis_center_mm: [Measured; 2],
     axis_from_seen_mm: Measured,
     rod_offset_mm: Measured,
+    offset_follows: [f64; 2],
     diameter_mm: Measured,
 }
 
@@ -67,6 +68,7 @@ impl Reader<'_> {
             u: self.uncertainty("head.standoff_u_mm", file.head.standoff_u_mm)?,
         };
         let control = file.control.as_ref().map(|c| self.control(c, file.c_sense)).transpose()?;
+        let control_has_sense = file.control.is_some_and(|c| c.machine.is_some());
         Ok(Session {
             name: file.name,
             c_sense: file.c_sense,
@@ -74,6 +76,7 @@ impl Reader<'_> {
             standoff_mm,
             limits,
             control,
+            control_has_sense,
             warnings: Vec::new(),
             files: Vec::new(),
         })
@@ -177,8 +180,8 @@ impl Reader<'_> {
 
     fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {
         let touch = &file.touch;
-        let RodSeen { axis_center_mm, axis_from_seen_mm, rod_offset_mm, diameter_mm } =
-            self.rod(&file.rod, (touch.c_deg, file.c_sense), file.checks.rod_runout_mm)?;
+        let rod = self.rod(&file.rod, (touch.c_deg, file.c_sense), file.checks.rod_runout_mm)?;
+        let RodSeen { axis_center_mm, axis_from_seen_mm, .. } = rod;
         let rim = touch.nozzle_rim_radius_mm.unwrap_or_else(|| {
             self.warnings.push(
                 "touch.nozzle_rim_radius_mm is not given: a nozzle not square to the rod is taken to touch with its middle"
@@ -196,8 +199,9 @@ impl Reader<'_> {
         Ok(Readings {
             axis_center_mm,
             axis_from_seen_mm,
-            rod_offset_mm,
-            diameter_mm,
+            rod_offset_mm: rod.rod_offset_mm,
+            offset_follows: rod.offset_follows,
+            diameter_mm: rod.diameter_mm,
             x1_mm: self.given("touch.x1", Some(touch.x1_mm), touch.x1_u_mm)?,
             x2_mm: self.given("touch.x2", Some(touch.x2_mm), touch.x2_u_mm)?,
             z_table_mm: self.given("touch.z_table", Some(touch.z_table_mm), touch.z_table_u_mm)?,
@@ -297,10 +301,14 @@ impl Reader<'_> {
         let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
         // From one place on that circle to another.
         let turned = Measured { value: 0.0, u: e };
+        let unseen = || OffAxis::alone(if is_rods { turned } else { anywhere });
+        let OffAxis { offset_mm: rod_offset_mm, follows: offset_follows } =
+            offset.unwrap_or_else(unseen);
         Ok(RodSeen {
             axis_center_mm: axis,
             axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
-            rod_offset_mm: offset.unwrap_or(if is_rods { turned } else { anywhere }),
+            rod_offset_mm,
+            offset_follows,
             diameter_mm: diameter,
         })
     }

@@ -8,9 +8,9 @@
 //! ```
 //!
 //! Two touches, one on each side, give ΔX and R. At B = ±90° that is `X_B = (X1 + X2)/2`,
-//! `ΔX = X_B - X_rod` and `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100),
-//! except for the rim of a nozzle that is not quite at ±90°: it touches early by `ρ |sin ε|`, the
-//! same way on both sides, which enters by its second moment.
+//! `ΔX = X_B - X_rod` and `R = (X1 - X2 - D)/2`. Uncertainty is propagated linearly (JCGM 100), that of B's angles to the second order
+//! as well: `R` is seen by the cosine of B's error, by a second moment of `3/4 (f'' u²)²`. The rim of a nozzle that is not quite at ±90°
+//! touches early by `ρ |sin ε|`, the same way on both sides, which enters by its second moment too.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -28,8 +28,10 @@ pub struct Readings {
     pub axis_center_mm: [Measured; 2],
     /// The C axis minus the centre seen, in X and Y alike.
     pub axis_from_seen_mm: Measured,
-    /// The rod's centre minus the centre seen along X at the touches' C angle.
+    /// The rod's centre minus the centre seen along X at the touches' C angle, as far as it is independent of that centre.
     pub rod_offset_mm: Measured,
+    /// How that difference changes with an error of the centre seen in X and in Y: both are from the same captures.
+    pub offset_follows: [f64; 2],
     /// The rod's diameter.
     pub diameter_mm: Measured,
     /// Machine X when the nozzle at `b1_rad` touches the rod.
@@ -107,6 +109,8 @@ const SOURCES: [(&str, &[usize]); 10] = [
 ];
 
 const INPUTS: usize = 17;
+/// The inputs that are errors of B.
+const ANGLES: std::ops::RangeInclusive<usize> = 8..=11;
 const OUTPUTS: usize = 7;
 type Inputs = SVector<f64, INPUTS>;
 
@@ -147,15 +151,20 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
         ));
     };
     let mut jacobian = SMatrix::<f64, OUTPUTS, INPUTS>::zeros();
+    let mut curved = jacobian;
     for i in 0..INPUTS {
         let step = 1e-5;
         let (mut up, mut down) = (values, values);
         up[i] += step;
         down[i] -= step;
-        let slope = (evaluate(sense, &up) - evaluate(sense, &down)) / (2.0 * step);
-        jacobian.set_column(i, &(slope * sds[i]));
+        let (up, down) = (evaluate(sense, &up), evaluate(sense, &down));
+        jacobian.set_column(i, &((up - down) * (sds[i] / (2.0 * step))));
+        if ANGLES.contains(&i) {
+            let bend = (up + down - 2.0 * best) * (sds[i] / step).powi(2);
+            curved.set_column(i, &(bend * 0.75f64.sqrt()));
+        }
     }
-    let covariance = jacobian * jacobian.transpose();
+    let covariance = jacobian * jacobian.transpose() + curved * curved.transpose();
     let measured = |i: usize| Measured { value: best[i], u: covariance[(i, i)].sqrt() };
     let check = r.check_touch.map(|(b_rad, x)| {
         let difference = measured(6);
@@ -183,7 +192,8 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
             .into_iter()
             .flat_map(|(of, i)| {
                 let part = |inputs: &[usize]| {
-                    inputs.iter().map(|&j| jacobian[(i, j)].powi(2)).sum::<f64>().sqrt()
+                    let one = |&j: &usize| jacobian[(i, j)].powi(2) + curved[(i, j)].powi(2);
+                    inputs.iter().map(one).sum::<f64>().sqrt()
                 };
                 budget(of, SOURCES.map(|(source, inputs)| (source, part(inputs))))
             })
@@ -221,7 +231,10 @@ fn inputs(r: &Readings, check: Measured) -> (Inputs, Inputs) {
 
 /// xb, zb, xc, yc, ΔX, R and the check touch's difference, for one sense of B.
 fn outputs(r: &Readings, sense: f64, check_b: f64, v: &Inputs) -> SVector<f64, OUTPUTS> {
-    let (xc, yc, offset, diameter) = (v[0] + v[15], v[1] + v[16], v[2], v[3]);
+    let [gain_x, gain_y] = r.offset_follows;
+    let [seen_x, seen_y] = r.axis_center_mm;
+    let offset = v[2] + gain_x * (v[0] - seen_x.value) + gain_y * (v[1] - seen_y.value);
+    let (xc, yc, diameter) = (v[0] + v[15], v[1] + v[16], v[3]);
     let rim = r.nozzle_rim_radius_mm;
     // Contact without the head vector's part; the rim's reach is taken at the angle told, its error
     // apart.
@@ -260,6 +273,14 @@ impl Solved {
         [i1, i1.map(|v| 0.0 - v), i3, i3.map(|v| 0.0 - v)]
     }
 
+    /// Gives a machine the sense of B that was found.
+    pub fn turn(&self, machine: &mut Machine) {
+        if self.b_sense < 0 {
+            let entry = AxisEntry { sense: Some(-1), ..AxisEntry::default() };
+            machine.axes.insert("B".into(), entry);
+        }
+    }
+
     /// The machine these numbers describe.
     pub fn machine(&self, name: &str, c_sense: i32, standoff_mm: f64) -> Machine {
         let head = Head { delta_x_mm: self.delta_x_mm.value, r_mm: self.r_mm.value, standoff_mm };
@@ -268,10 +289,7 @@ impl Solved {
         let mut machine = Machine::head_b_table_c(head, table);
         machine.name = name.into();
         machine.c_sense = c_sense;
-        if self.b_sense < 0 {
-            let entry = AxisEntry { sense: Some(-1), ..AxisEntry::default() };
-            machine.axes.insert("B".into(), entry);
-        }
+        self.turn(&mut machine);
         machine
     }
 }

@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
-use crate::fit::tails::chi2_quantile;
+use crate::fit::tails::f_quantile;
 use crate::machine::Chain;
 use crate::plot::{Figure, Panel};
 use crate::rtcp::sweep::{Size, Sweep, remove_target_offset};
-use crate::uncertainty::{K95, Verdict};
+use crate::uncertainty::{K95, Verdict, k95};
 
 /// What to compare with.
 #[derive(Debug, Clone, Copy)]
@@ -69,15 +69,15 @@ pub fn verify(
     let (before, after) = (Size::of(&measured), Size::of(&rest));
     let judged = if options.corrected { after } else { before };
     let repeats = repeatability(rotary, &rest);
-    let (noise_mm, noise_source) = match (options.noise_mm, repeats) {
-        (Some(given), _) => (given, "given"),
-        (None, Some(seen)) => (seen, "poses measured again"),
-        (None, None) => (USUAL_NOISE_MM, "assumed"),
+    let (noise_mm, dof, noise_source) = match (options.noise_mm, repeats) {
+        (Some(given), _) => (given, f64::INFINITY, "given"),
+        (None, Some((seen, dof))) => (seen, dof, "poses measured again"),
+        (None, None) => (USUAL_NOISE_MM, f64::INFINITY, "assumed"),
     };
     let lengths = if options.corrected { &rest } else { &measured };
-    let worst_u95_mm = worst_u95(lengths, noise_mm);
+    let worst_u95_mm = worst_u95(lengths, noise_mm, dof);
     // The truly largest deviation is seen no smaller than its own noise makes it: upwards the interval is one pose's.
-    let verdict = match Verdict::of(judged.worst_mm, K95 * noise_mm, options.tolerance_mm) {
+    let verdict = match Verdict::of(judged.worst_mm, k95(dof) * noise_mm, options.tolerance_mm) {
         Verdict::Fail => Verdict::of(judged.worst_mm, worst_u95_mm, options.tolerance_mm),
         clear => clear,
     };
@@ -95,9 +95,9 @@ pub fn verify(
     }
 }
 
-/// Standard deviation of a component at poses that were measured more than once; `None` where there are too few, or where all
+/// Standard deviation of a component at poses that were measured more than once, and its degrees of freedom; `None` where there are too few, or where all
 /// agree to the last digit: then they were copied or read too coarsely, and tell nothing.
-fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<f64> {
+fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<(f64, f64)> {
     let mut poses: BTreeMap<[i64; 2], Vec<Vector3<f64>>> = BTreeMap::new();
     for (r, d) in rotary.iter().zip(d) {
         poses.entry(r.map(|a| (a.to_degrees() * 1e6).round() as i64)).or_default().push(*d);
@@ -108,18 +108,21 @@ fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<f64> {
         sum += list.iter().map(|d| (d - mean).norm_squared()).sum::<f64>();
         dof += 3.0 * (list.len() as f64 - 1.0);
     }
-    (dof >= LEAST_REPEATS && sum > 0.0).then(|| (sum / dof).sqrt())
+    (dof >= LEAST_REPEATS && sum > 0.0).then(|| ((sum / dof).sqrt(), dof))
 }
 
-/// Half-width of the 95 % interval of the largest length. The largest of many was chosen for its noise too: it is off by no more than
-/// the largest noise of those that may be the largest.
-fn worst_u95(d: &[Vector3<f64>], noise_mm: f64) -> f64 {
+/// Half-width of the 95 % interval of the largest length, where the noise is known with `dof` degrees of freedom. The largest of many was
+/// chosen for its noise too: it is off by no more than the largest noise of those that may be the largest.
+fn worst_u95(d: &[Vector3<f64>], noise_mm: f64, dof: f64) -> f64 {
+    let reach = |components: f64, rivals: usize| {
+        let one_of_them = -(0.95_f64.ln() / rivals.max(1) as f64).exp_m1();
+        noise_mm * (components * f_quantile(one_of_them.ln(), components, dof)).sqrt()
+    };
     let worst = d.iter().map(Vector3::norm).fold(0.0, f64::max);
-    let rivals = d.iter().filter(|d| d.norm() > worst - 2.0 * K95 * noise_mm).count().max(1);
-    // Far from zero a length is off by the noise along it, near zero by all three components'.
-    let components = if worst > 2.0 * K95 * noise_mm { 1.0 } else { 3.0 };
-    let one_of_them = -(0.95_f64.ln() / rivals as f64).exp_m1();
-    noise_mm * chi2_quantile(one_of_them.ln(), components).sqrt()
+    let rivals = d.iter().filter(|d| d.norm() > worst - 2.0 * k95(dof) * noise_mm).count();
+    // Far from where noise alone may bring one of all a length is off by the noise along it, nearer to zero by all three components'.
+    let by_noise = reach(3.0, d.len());
+    reach(if worst > 2.0 * by_noise { 1.0 } else { 3.0 }, rivals)
 }
 
 /// Measured and predicted deviations along X, Y, Z, over B (left) and over C (right).
