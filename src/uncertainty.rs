@@ -29,6 +29,23 @@ pub fn k95(dof: f64) -> f64 {
     z + g1 / dof + g2 / dof.powi(2) + g3 / dof.powi(3) + g4 / dof.powi(4)
 }
 
+/// Whether a standard deviation seen with `dof` degrees of freedom is larger than one that is told, beyond chance.
+pub fn scatters_more(seen: f64, dof: f64, told: f64) -> bool {
+    /// How seldom that happens by chance.
+    const SELDOM: f64 = 0.01;
+    seen > told * f_quantile(SELDOM.ln(), dof, f64::INFINITY).sqrt()
+}
+
+/// Last digits that lengths in mm may have been rounded to. Coarser ones are of round numbers, not of a probe or an indicator.
+const COARSE_STEPS_MM: [f64; 3] = [0.01, 0.001, 0.0001];
+
+/// Standard uncertainty of lengths by their last digit alone, mm: readings that agree to it tell no more.
+pub fn rounding_mm(readings: &[f64]) -> f64 {
+    let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
+    let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
+    COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
+}
+
 /// A value and its standard uncertainty, in the same unit.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Measured {

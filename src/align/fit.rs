@@ -1,15 +1,19 @@
 //! Touches of a blank's end face and sides → tilt A, B, height and centre, with uncertainty.
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::alignment::{Alignment, leveller};
 use super::touches::Touches;
 use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::range;
-use crate::uncertainty::{K95, k95};
+use crate::uncertainty::{K95, k95, rounding_mm, scatters_more};
 
 /// Standard uncertainty of a touch where neither the data nor the user tells it.
 const ASSUMED_TOUCH_MM: f64 = 0.002;
+/// Degrees of freedom below which touches may agree by chance.
+const FEW: f64 = 3.0;
+/// A probe that repeats to less is not believed on the word of few touches.
+const LEAST_OF_FEW_MM: f64 = 0.0005;
 /// Opposite sides lie farther apart than this part of what the end face was touched over.
 const ONE_SIDE: f64 = 0.05;
 
@@ -129,9 +133,9 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
     options.check()?;
     warnings.extend(touches.warnings.iter().cloned());
     let lie = solve(touches, options)?;
-    let (u_mm, k) = touch_uncertainty(touches, options, lie.left_mm2, warnings);
+    let touch = touch(touches, options, lie.left_mm2, warnings);
     let best = lie.values;
-    let u95 = standard_uncertainties(touches, options, best, u_mm)?.map(|u| k * u);
+    let u95 = u95(touches, options, best, &touch)?;
     let touched = touches.sides.iter().all(|s| !s.is_empty());
     if !touched {
         let missing = match touches.sides.each_ref().map(Vec::is_empty) {
@@ -154,69 +158,120 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
         z_ideal_mm: options.z_ideal_mm,
         center_ideal_mm: options.center_ideal_mm,
         c_deg: options.c_deg,
-        touch_u_mm: u_mm,
+        touch_u_mm: touch.u_mm,
         face_rms_mm: (lie.left_mm2 / touches.face.len() as f64).sqrt(),
         face_points: touches.face.len(),
     })
 }
 
-/// Standard uncertainty of a touch, as given or as the face's points scatter, and its coverage factor for 95 %.
-fn touch_uncertainty(
-    touches: &Touches,
-    options: &Options,
-    left_mm2: f64,
-    warnings: &mut Vec<String>,
-) -> (f64, f64) {
-    let dof = touches.face.len() as f64 - 3.0;
-    let scatter_mm = (dof >= 1.0).then(|| (left_mm2 / dof).sqrt());
-    match (options.touch_u_mm, scatter_mm) {
-        (Some(u), scatter) => {
-            if scatter.is_some_and(|s| s > 3.0 * u) {
-                warnings.push("the face is less flat than the touches are uncertain: its form is not in the intervals".into());
-            }
-            (u, K95)
+/// How touches scatter about what they should lie on.
+#[derive(Clone, Copy)]
+struct Scatter {
+    sd_mm: f64,
+    dof: f64,
+}
+
+impl Scatter {
+    fn of(left_mm2: f64, dof: usize) -> Option<Self> {
+        (dof > 0).then(|| Self { sd_mm: (left_mm2 / dof as f64).sqrt(), dof: dof as f64 })
+    }
+
+    fn u95_mm(self) -> f64 {
+        k95(self.dof) * self.sd_mm
+    }
+}
+
+/// How the touches of the sides scatter: opposite sides are parallel planes, turned as they like.
+fn sides_scatter(touches: &Touches) -> Option<Scatter> {
+    let (mut left_mm2, mut dof) = (0.0, 0);
+    for (i, side) in touches.sides.iter().enumerate().filter(|(_, s)| s.len() > 2) {
+        let (low, high) = range(&side.iter().map(|p| p[i]).collect::<Vec<_>>());
+        let middle = side.iter().sum::<Vector3<f64>>() / side.len() as f64;
+        let mut design = DMatrix::zeros(side.len(), 4);
+        for (k, p) in side.iter().enumerate() {
+            design[(k, usize::from(p[i] < 0.5 * (low + high)))] = 1.0;
+            design[(k, 2)] = p[1 - i] - middle[1 - i];
+            design[(k, 3)] = p.z - middle.z;
         }
-        (None, Some(scatter)) => (scatter.max(touches.rounding_mm()), k95(dof)),
-        (None, None) => {
+        let read = DVector::from_iterator(side.len(), side.iter().map(|p| p[i] - middle[i]));
+        // Touches at one height, or in one line, tell no turn.
+        let svd = design.clone().svd(true, true);
+        let least = 1e-6 * svd.singular_values.max();
+        let Ok(fitted) = svd.solve(&read, least) else { continue };
+        left_mm2 += (&read - design * fitted).norm_squared();
+        dof += side.len() - svd.rank(least).min(side.len());
+    }
+    Scatter::of(left_mm2, dof)
+}
+
+/// Half-widths of the 95 % intervals of a touch.
+struct Touch {
+    /// Its standard uncertainty, as given or as the face's points scatter.
+    u_mm: f64,
+    face_u95_mm: f64,
+    sides_u95_mm: f64,
+}
+
+fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec<String>) -> Touch {
+    let face = Scatter::of(left_mm2, touches.face.len().saturating_sub(3));
+    let sides = sides_scatter(touches);
+    if let Some(u_mm) = options.touch_u_mm {
+        for (what, scatter) in [("face", face), ("sides", sides)] {
+            let Some(Scatter { sd_mm, dof }) = scatter else { continue };
+            if scatters_more(sd_mm, dof, u_mm) {
+                warnings.push(format!(
+                    "the touches of the {what} scatter by {sd_mm:.4} mm, more than --touch-u-mm says: the intervals do not hold \
+                     its form, or the probe is less certain"
+                ));
+            }
+        }
+        return Touch { u_mm, face_u95_mm: K95 * u_mm, sides_u95_mm: K95 * u_mm };
+    }
+    let least_mm = rounding_mm(&touches.readings_mm());
+    let known = |s: Scatter| {
+        let few_mm = if s.dof < FEW { LEAST_OF_FEW_MM } else { 0.0 };
+        Scatter { sd_mm: s.sd_mm.max(least_mm).max(few_mm), ..s }
+    };
+    let (u_mm, face_u95_mm) = match face.map(known) {
+        Some(face) => (face.sd_mm, face.u95_mm()),
+        None => {
             warnings.push(format!(
                 "three face points tell nothing of their own uncertainty: {ASSUMED_TOUCH_MM} mm is assumed; give --touch-u-mm \
                  or touch more points"
             ));
-            (ASSUMED_TOUCH_MM, K95)
+            (ASSUMED_TOUCH_MM, K95 * ASSUMED_TOUCH_MM)
         }
-    }
+    };
+    // Sides may be rougher than the face; that they look smoother is not believed.
+    let own_mm = sides.filter(|s| s.dof >= FEW).map_or(0.0, Scatter::u95_mm);
+    Touch { u_mm, face_u95_mm, sides_u95_mm: face_u95_mm.max(own_mm) }
 }
 
-/// Standard uncertainties of the values that [`solve`] finds: each touch is uncertain along its own direction, and as effects are
+/// Half-widths of the 95 % intervals of the values that [`solve`] finds: each touch is uncertain along its own direction, and as effects are
 /// small, differences tell the derivatives.
-fn standard_uncertainties(
-    touches: &Touches,
-    options: &Options,
-    best: [f64; 5],
-    u_mm: f64,
-) -> Result<[f64; 5]> {
+fn u95(touches: &Touches, options: &Options, best: [f64; 5], touch: &Touch) -> Result<[f64; 5]> {
     const STEP_MM: f64 = 1e-3;
-    let mut variance = [0.0; 5];
-    let mut add = |moved: &Touches| -> Result<()> {
+    let mut squared = [0.0; 5];
+    let mut add = |moved: &Touches, u95_mm: f64| -> Result<()> {
         let other = solve(moved, options)?.values;
-        variance
+        squared
             .iter_mut()
             .zip(other)
             .zip(best)
-            .for_each(|((v, o), b)| *v += ((o - b) / STEP_MM * u_mm).powi(2));
+            .for_each(|((v, o), b)| *v += ((o - b) / STEP_MM * u95_mm).powi(2));
         Ok(())
     };
     for i in 0..touches.face.len() {
         let mut moved = touches.clone();
         moved.face[i].z += STEP_MM;
-        add(&moved)?;
+        add(&moved, touch.face_u95_mm)?;
     }
     for axis in 0..2 {
         for i in 0..touches.sides[axis].len() {
             let mut moved = touches.clone();
             moved.sides[axis][i][axis] += STEP_MM;
-            add(&moved)?;
+            add(&moved, touch.sides_u95_mm)?;
         }
     }
-    Ok(variance.map(f64::sqrt))
+    Ok(squared.map(f64::sqrt))
 }

@@ -62,16 +62,10 @@ impl Touches {
         Ok(touches)
     }
 
-    /// Standard uncertainty of a touch by its last digit alone: readings that agree to it tell no more.
-    pub(super) fn rounding_mm(&self) -> f64 {
+    /// What the probe read along its own direction.
+    pub(super) fn readings_mm(&self) -> Vec<f64> {
         let face = self.face.iter().map(|p| p.z);
         let sides = self.sides.iter().enumerate().flat_map(|(i, s)| s.iter().map(move |p| p[i]));
-        let readings: Vec<f64> = face.chain(sides).collect();
-        let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
-        let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
-        COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
+        face.chain(sides).collect()
     }
 }
-
-/// Last digits that readings may have been rounded to. Coarser ones are of round numbers, not of a probe.
-const COARSE_STEPS_MM: [f64; 3] = [0.01, 0.001, 0.0001];

@@ -11,7 +11,7 @@ use super::swarm;
 use crate::error::{Error, Result, above_zero};
 use crate::fit::least_squares::Solution;
 use crate::fit::{least_squares, serial};
-use crate::uncertainty::{K95, k95};
+use crate::uncertainty::{K95, k95, scatters_more};
 
 /// What is known beside the lengths.
 #[derive(Debug, Clone, Default)]
@@ -73,8 +73,9 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     let combinations = rows(&sight.directions, &hidden, &visible).into_iter().map(combination);
     let null_direction = |c: &[f64; 6]| terms(c, |i, c| c * to_unit(i, scale[i]));
     let by_swarm = problem.swarm(&derivative, &measured, options.swarm)?;
-    let rms = solved.residuals.norm() / ((n - unknowns) as f64).sqrt();
-    let warnings = data.warnings.iter().cloned().chain(warnings(options, rms)).collect();
+    let dof = (n - unknowns) as f64;
+    let rms = solved.residuals.norm() / dof.sqrt();
+    let warnings = data.warnings.iter().cloned().chain(warnings(options, rms, dof)).collect();
     let swarm_value =
         |&i: &usize| Term { name: ERRORS[i].0.to_owned(), value: to_unit(i, by_swarm[i]) };
     let place = |(p, r): (&Point, &f64)| (p.path, p.pose.b_rad.to_degrees(), -r);
@@ -177,8 +178,8 @@ fn length_u95_mm(data: &Data, options: &Options, solved: &Solution, unknowns: us
     }
 }
 
-/// What a user should know; `rms_mm` is what the errors leave.
-fn warnings(options: &Options, rms_mm: f64) -> Vec<String> {
+/// What a user should know; `rms_mm` is what the errors leave with `dof` degrees of freedom.
+fn warnings(options: &Options, rms_mm: f64, dof: f64) -> Vec<String> {
     let mut warnings = Vec::new();
     if !options.unknown_cup || !options.unknown_bar {
         warnings.push(
@@ -187,7 +188,7 @@ fn warnings(options: &Options, rms_mm: f64) -> Vec<String> {
                 .to_owned(),
         );
     }
-    if options.noise_mm.is_some_and(|s| rms_mm > 3.0 * s) {
+    if options.noise_mm.is_some_and(|s| scatters_more(rms_mm, dof, s)) {
         warnings.push(format!("the six errors leave {rms_mm:.4} mm, more than the noise: something else is wrong (see diagnose)"));
     }
     warnings

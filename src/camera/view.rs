@@ -2,12 +2,14 @@
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
+use super::horizon::Horizon;
 use crate::camera::{Lens, Mapping};
 
 /// Pixel ↔ plane for frames of one size. Pixels: centre of the top-left pixel is (0, 0), v down.
 #[derive(Debug, Clone)]
 pub struct View {
     lens: Lens,
+    horizon: Option<Horizon>,
     to_plane: Matrix3<f64>,
     to_image: Matrix3<f64>,
 }
@@ -35,7 +37,7 @@ impl View {
         };
         // The calibration file's check has shown that the inverse exists.
         let to_image = to_plane.try_inverse().unwrap_or_else(Matrix3::identity);
-        Self { lens, to_plane, to_image }
+        Self { horizon: Horizon::of(&lens), lens, to_plane, to_image }
     }
 
     /// Frame width.
@@ -129,8 +131,27 @@ impl View {
         ideal
     }
 
-    /// Normalised image → pixel, with the derivative. Brown-Conrady, as in OpenCV's documentation.
+    /// Normalised image → pixel, with the derivative. Brown-Conrady, as in OpenCV's documentation; straight on beyond the horizon.
     fn distort(&self, p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
+        let l = &self.lens;
+        if let Some(horizon) = self.horizon.filter(|h| p.norm_squared() > h.radius * h.radius) {
+            let radius = p.norm();
+            let gain = horizon.gain(radius);
+            let bend = horizon.bend(radius) / radius;
+            // The tangential terms stay as they are at the horizon.
+            let edge = self.brown(p * (horizon.radius / radius)).0;
+            let ring = p * horizon.gain(horizon.radius) * (horizon.radius / radius);
+            let plain = Vector2::new(l.fx_px * ring.x + l.cx_px, l.fy_px * ring.y + l.cy_px);
+            let at = Vector2::new(l.fx_px * gain * p.x, l.fy_px * gain * p.y);
+            let focal = Matrix2::new(l.fx_px, 0.0, 0.0, l.fy_px);
+            let slope = Matrix2::identity() * gain + p * p.transpose() * bend;
+            let center = Vector2::new(l.cx_px, l.cy_px);
+            return (at + center + edge - plain, focal * slope);
+        }
+        self.brown(p)
+    }
+
+    fn brown(&self, p: Vector2<f64>) -> (Vector2<f64>, Matrix2<f64>) {
         let l = &self.lens;
         let [k1, k2, p1, p2, k3] = l.distortion;
         let (x, y) = (p.x, p.y);
@@ -190,6 +211,28 @@ mod tests {
         for (u, v) in [(0.0, 0.0), (1599.0, 0.0), (800.3, 600.1), (0.0, 1199.0), (1599.0, 1199.0)] {
             let pixel = Vector2::new(u, v);
             assert!((view.to_pixel(view.to_plane(pixel)) - pixel).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn a_lens_that_turns_back_outside_the_frame_goes_on_straight_there() {
+        let mut view = view();
+        view.lens.distortion = [-0.3, 0.0, 1e-3, -5e-4, 0.0];
+        view.horizon = Horizon::of(&view.lens);
+        let seen: Vec<f64> =
+            (1..400).map(|i| view.distort(Vector2::new(0.0, 0.01 * f64::from(i))).0.y).collect();
+        assert!(seen.windows(2).all(|w| w[1] > w[0] + 0.1), "it turns back");
+        let horizon = view.horizon.expect("the polynomial turns back").radius;
+        for r in [0.999 * horizon, 1.001 * horizon, 3.0 * horizon] {
+            let p = Vector2::new(0.6, -0.8) * r;
+            let (at, jacobian) = view.distort(p);
+            let step = 1e-6 * r;
+            for i in 0..2 {
+                let mut q = p;
+                q[i] += step;
+                let slope = (view.distort(q).0 - at) / step;
+                assert!((slope - jacobian.column(i)).norm() < 0.02 * view.lens.fx_px, "{r}");
+            }
         }
     }
 

@@ -201,12 +201,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         add_effects_of(args, machine, &sweep, &mut predicted, &mut warnings)?;
     }
     let report = verify(&real, &sweep.rotary_rad, &measured, predicted, options);
-    if report.noise_source == "assumed" {
-        warnings.push(format!(
-            "the noise is assumed, {} mm, and the interval stands on it: measure some poses again, or give --noise-mm",
-            report.noise_mm
-        ));
-    }
+    warnings.extend(report.noise_doubt.clone());
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let draw = |folder: &PathBuf| {
         let plot = figure(&sweep, &report).to_svg();

@@ -134,7 +134,8 @@ pub(super) fn second_burn<'a>(
             && r.scatter_px < 2.0 * first.scatter_px + 2.0;
         let rivals = r.score > 0.6 * first.score && r.coverage > 0.8;
         let has_spot = || {
-            let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score;
+            let is_dot = |c: &Candidate| spot::is_dot(&c.circle, &r.circle);
+            let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score && !is_dot(c);
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
                 && spot::candidates(look, r, &[**r], &spot::PLACES[0]).first().is_some_and(spot)

@@ -32,26 +32,29 @@ pub(super) fn measure(
     near_mm: Option<[f64; 2]>,
     subject: &str,
 ) -> Result<Marks> {
-    let scene = Scene::new(frame, view, near_mm);
-    let rings = annulus::candidates(&scene.steady, 0.06 * longer_side(frame));
+    let look = find::look(frame);
+    let chosen = near_mm.map(|p| view.to_pixel(Vector2::from(p)));
+    let scene = Scene::new(frame, view, &look, chosen);
+    let rings = scene.rings();
     let mut tried = Tried::default();
-    for outer in rings.iter().take(TRIES) {
-        if tried.rules_out(outer) {
-            continue;
-        }
-        match scene.attempt(outer, &rings) {
-            Attempt::Both(marks) => return Ok(*marks),
-            Attempt::SecondBurn(other) => return Err(two_burns(subject, outer, &other)),
-            Attempt::Surface => {}
-            Attempt::NoSpot => tried.add_lone(outer),
-            Attempt::UnclearSpot => {
-                tried.add_lone(outer);
-                break; // The ring is there; a worse one with a better spot would be a wrong answer.
-            }
-            Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
+    if let Some(marks) = scene.seek(&rings, &mut tried, subject)? {
+        return Ok(marks);
+    }
+    // Beside scales, holes and scratches a burn's edges may be lost among many: once more where a ring was seen.
+    for near in tried.lone.iter().map(|ring| ring.circle.center).take(TRIES) {
+        let nearer = Scene::new(frame, view, &look, Some(near));
+        let (rings, mut again) = (nearer.rings(), Tried::default());
+        if let Some(marks) = nearer.seek(&rings, &mut again, subject)?
+            && !is_dot(&marks)
+        {
+            return Ok(marks);
         }
     }
     Err(tried.error(subject))
+}
+
+fn is_dot((ring, spot, _): &Marks) -> bool {
+    spot::is_dot(&spot.circle, &ring.circle)
 }
 
 fn longer_side(frame: &Frame) -> f64 {
@@ -62,9 +65,9 @@ fn longer_side(frame: &Frame) -> f64 {
 struct Scene<'a> {
     frame: &'a Frame,
     view: &'a View,
-    look: Look,
+    look: &'a Look,
     steady: Vec<Candidate>,
-    /// Whether the user said which of several burns is meant.
+    /// Whether it is known which of several burns is meant.
     is_chosen: bool,
 }
 
@@ -85,37 +88,83 @@ enum Attempt {
 }
 
 impl<'a> Scene<'a> {
-    fn new(frame: &'a Frame, view: &'a View, near_mm: Option<[f64; 2]>) -> Self {
-        let look = find::look(frame);
+    /// All of a picture, or what is about a place in it.
+    fn new(
+        frame: &'a Frame,
+        view: &'a View,
+        look: &'a Look,
+        near_px: Option<Vector2<f64>>,
+    ) -> Self {
         let side = longer_side(frame);
         let options = find::Options {
             least_radius_px: 0.02 * side,
             most_radius_px: 0.6 * side,
-            near: near_mm.map(|p| (view.to_pixel(Vector2::from(p)), 0.1 * side)),
+            near: near_px.map(|p| (p, 0.1 * side)),
             least_coverage: 0.35,
             centers: 8,
             known: &[],
         };
-        let steady = find::circles(&look, options).into_iter().filter(is_steady).collect();
-        Self { frame, view, look, steady, is_chosen: near_mm.is_some() }
+        let steady = find::circles(look, options).into_iter().filter(is_steady).collect();
+        Self { frame, view, look, steady, is_chosen: near_px.is_some() }
+    }
+
+    fn rings(&self) -> Vec<Candidate> {
+        annulus::candidates(&self.steady, 0.06 * longer_side(self.frame))
+    }
+
+    /// The first of the rings with a spot; one whose spot may be dirt only where no other has any.
+    fn seek<'c>(
+        &self,
+        rings: &'c [Candidate],
+        tried: &mut Tried<'c>,
+        subject: &str,
+    ) -> Result<Option<Marks>> {
+        let mut dotted: Option<(&Candidate, Marks)> = None;
+        for outer in rings.iter().take(TRIES) {
+            let is_known = |other: &Candidate| is_concentric(other, outer);
+            if tried.rules_out(outer)
+                || tried.unclear.iter().any(|u| is_known(u))
+                || dotted.as_ref().is_some_and(|(ring, _)| is_known(ring))
+            {
+                continue;
+            }
+            match self.attempt(outer, rings) {
+                Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
+                Attempt::Both(marks) => match &dotted {
+                    Some((other, _)) => return Err(two_burns(subject, other, outer)),
+                    None => dotted = Some((outer, *marks)),
+                },
+                Attempt::SecondBurn(other) => return Err(two_burns(subject, outer, &other)),
+                Attempt::Surface => {}
+                Attempt::NoSpot => tried.add_lone(outer),
+                // The ring is there: about its centre a worse one with a better spot would be a wrong answer, and elsewhere one
+                // whose spot may be dirt.
+                Attempt::UnclearSpot => {
+                    tried.add_lone(outer);
+                    tried.unclear.push(outer);
+                }
+                Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
+            }
+        }
+        Ok(dotted.map(|(_, marks)| marks).filter(|_| tried.unclear.is_empty()))
     }
 
     /// Looks for a spot in what may be one of the `rings`, and measures both.
     fn attempt(&self, outer: &Candidate, rings: &[Candidate]) -> Attempt {
-        if !self.stands_out(&self.look, outer, outer, Sides::Edge) {
+        if !self.stands_out(self.look, outer, outer, Sides::Edge) {
             return Attempt::Surface;
         }
-        if find::is_folded(&self.look, outer) || find::is_toothed(&self.look, outer) {
+        if find::is_folded(self.look, outer) || find::is_toothed(self.look, outer) {
             return Attempt::Flawed(Flaw::Other);
         }
-        if annulus::is_rippled(&self.look, outer, &self.steady) {
+        if annulus::is_rippled(self.look, outer, &self.steady) {
             return Attempt::Flawed(Flaw::Ripples);
         }
         let edges: Vec<Candidate> =
             self.steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
         let spots_at = |place: &'static spot::Place| {
             let near = place.look_near(self.frame, outer);
-            let look = near.as_ref().unwrap_or(&self.look);
+            let look = near.as_ref().unwrap_or(self.look);
             let mut spots = spot::candidates(look, outer, &edges, place);
             spots.retain(|s| annulus::beats_bands(s, outer, &self.steady));
             (!spots.is_empty()).then_some((place, near, spots))
@@ -125,7 +174,7 @@ impl<'a> Scene<'a> {
             return Attempt::NoSpot;
         }
         if !self.is_chosen
-            && let Some(other) = annulus::second_burn(&self.look, rings, outer)
+            && let Some(other) = annulus::second_burn(self.look, rings, outer)
         {
             return Attempt::SecondBurn(*other);
         }
@@ -134,7 +183,7 @@ impl<'a> Scene<'a> {
             if spot::has_rivals(place, &spots) {
                 return Attempt::UnclearSpot;
             }
-            let look = near.as_ref().unwrap_or(&self.look);
+            let look = near.as_ref().unwrap_or(self.look);
             let ring = match annulus::measure(self.frame, self.view, outer, &edges, spots[0]) {
                 Ok(ring) => ring,
                 Err(_) if matches!(attempt, Attempt::UnclearSpot) => break,
@@ -159,7 +208,7 @@ impl<'a> Scene<'a> {
     /// Whether what was taken for the ring is where the light of a lone spot's surroundings falls off.
     fn is_light(&self, ring: &Ring) -> bool {
         let radius = ring.circle.radius / self.view.pixel_mm();
-        find::is_fall_off(&self.look, Circle { center: ring.center_px, radius })
+        find::is_fall_off(self.look, Circle { center: ring.center_px, radius })
     }
 
     /// Whether a mark stands out from its surface, clear of what is a mark beside the ring `outer`.
@@ -180,8 +229,10 @@ impl<'a> Scene<'a> {
 /// What was tried in vain.
 #[derive(Default)]
 struct Tried<'a> {
-    /// Step of the clearest ring without a spot.
-    lone_step: f64,
+    /// Rings without a spot, or with an unclear one.
+    lone: Vec<&'a Candidate>,
+    /// Those with an unclear one.
+    unclear: Vec<&'a Candidate>,
     /// Circles that are no rings.
     refused: Vec<&'a Candidate>,
     /// Lamps' reflections among them: what is seen in them is the lamp's.
@@ -193,8 +244,8 @@ struct Tried<'a> {
 }
 
 impl<'a> Tried<'a> {
-    fn add_lone(&mut self, ring: &Candidate) {
-        self.lone_step = self.lone_step.max(ring.step.abs());
+    fn add_lone(&mut self, ring: &'a Candidate) {
+        self.lone.push(ring);
     }
 
     fn refuse(&mut self, c: &'a Candidate, flaw: Flaw) {
@@ -210,7 +261,8 @@ impl<'a> Tried<'a> {
     /// Whether what was tried before says that a circle is no ring.
     fn rules_out(&self, c: &Candidate) -> bool {
         // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
-        let clearest = self.refused.iter().map(|r| r.step.abs()).fold(self.lone_step, f64::max);
+        let before = self.refused.iter().chain(&self.lone);
+        let clearest = before.map(|r| r.step.abs()).fold(0.0, f64::max);
         if c.step.abs() < FAINT * clearest {
             return true;
         }
@@ -221,7 +273,7 @@ impl<'a> Tried<'a> {
 
     /// What to tell the user.
     fn error(&self, subject: &str) -> Error {
-        let (what, help) = if self.lone_step > 0.0 {
+        let (what, help) = if !self.lone.is_empty() {
             (
                 "a ring was found, but no spot inside it that is clear enough to measure",
                 "burn the spot (100 W from 1-5 mm) and photograph again, lit so that no glare covers it",

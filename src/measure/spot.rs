@@ -149,6 +149,11 @@ pub(super) fn candidates(
         let next = inside.iter().filter(beside).map(|o| o.score).fold(0.0, f64::max);
         is_dot(c) && !(c.coverage > WHOLE && (burnt || next < NEXT_CLEAREST * c.score))
     };
+    // What small thing touches a larger mark, or lies in it off its middle, is dirt on it.
+    let is_on_mark = |c: &Candidate| {
+        c.circle.radius < DOT_RADIUS * ring.radius
+            && inside.iter().chain(edges).any(|o| is_dirt_on(c, o, outer))
+    };
     let is_usual = |c: &Candidate| {
         off(c) <= PLACES[0].reach && c.circle.radius <= PLACES[0].radii.end * ring.radius
     };
@@ -158,6 +163,7 @@ pub(super) fn candidates(
         .filter(|c| {
             is_steady(c)
                 && !spatter(c)
+                && !is_on_mark(c)
                 && (is_usual(c) && !place.near || c.coverage > WHOLE)
                 && !is_rings_own(c)
                 && off(c) + 0.5 * c.circle.radius / ring.radius < 0.95
@@ -194,6 +200,30 @@ fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
         && within(other.circle.radius / c.circle.radius, alike.size)
         && (alike.either || other.step * c.step > 0.0)
         && within((other.step / c.step).abs(), alike.step)
+}
+
+/// Whether a spot is so small and far off its ring's centre that it may be a chip in a hole, or dirt.
+pub(super) fn is_dot(spot: &Circle, ring: &Circle) -> bool {
+    let apart = (spot.center - ring.center).norm();
+    spot.radius < DOT_RADIUS * ring.radius && apart > MIDDLE * ring.radius
+}
+
+/// Whether a small circle is dirt on a mark inside the ring `outer`.
+fn is_dirt_on(c: &Candidate, mark: &Candidate, outer: &Candidate) -> bool {
+    /// Radius of such a mark as a part of the ring's, at most, and in the dirt's, at least.
+    const INSIDE: f64 = 0.5;
+    const LARGER: f64 = 2.0;
+    /// Its step as a part of the ring's, at least.
+    const BURNT: f64 = 0.3;
+    /// A spot in its own halo shares its centre: so far off it in the mark's radii dirt is.
+    const OFF: f64 = 0.4;
+    let apart = (c.circle.center - mark.circle.center).norm();
+    mark.circle.radius < INSIDE * outer.circle.radius
+        && mark.circle.radius > LARGER * c.circle.radius
+        && mark.coverage > WHOLE
+        && mark.step.abs() > BURNT * outer.step.abs()
+        && apart > OFF * mark.circle.radius
+        && apart < mark.circle.radius + c.circle.radius
 }
 
 /// Whether others look like the likeliest spot: spatter, balls and strands are many, the spot is one.

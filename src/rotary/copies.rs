@@ -10,10 +10,35 @@ const LEAST_READINGS: usize = 4;
 /// What a run reads at each place.
 type Readings = BTreeMap<Vec<String>, String>;
 
+/// Its label, its readings and its rows.
+type Run = ((String, usize), Readings, Vec<usize>);
+
+/// A run is taken for a copy where it would read as another one more seldom by chance.
+const SELDOM: f64 = 1e-3;
+
+/// Whether the run may well read as an earlier one by chance: readings with a coarse last digit often agree. How often, the
+/// other runs tell.
+fn by_chance(run: usize, runs: &[Run]) -> bool {
+    let others: Vec<&Readings> =
+        runs.iter().enumerate().filter(|(i, _)| *i != run).map(|(_, r)| &r.1).collect();
+    let (mut alike, mut compared) = (0.5, 1.0);
+    for (i, one) in others.iter().enumerate() {
+        for other in &others[..i] {
+            let pairs = one.iter().filter_map(|(place, a)| Some((a, other.get(place)?)));
+            for (a, b) in pairs {
+                alike += f64::from(u8::from(a == b));
+                compared += 1.0;
+            }
+        }
+    }
+    let often: f64 = alike / compared;
+    often.powi(runs[run].1.len() as i32) > SELDOM
+}
+
 /// The rows that count, and what the others are. Without a column `run` the n-th readings of all places are a run. Where all
 /// runs are alike the indicator may be too coarse to tell them apart: they stay, and the noise says so.
 pub fn runs_once(table: &Table) -> (Vec<usize>, Vec<String>) {
-    let mut runs: Vec<((String, usize), Readings, Vec<usize>)> = Vec::new();
+    let mut runs: Vec<Run> = Vec::new();
     let mut times = BTreeMap::new();
     for row in 0..table.rows() {
         let run = table.text(row, "run").to_owned();
@@ -39,7 +64,10 @@ pub fn runs_once(table: &Table) -> (Vec<usize>, Vec<String>) {
     for (i, (label, readings, rows)) in runs.iter().enumerate() {
         let same = runs[..i].iter().find(|other| other.1 == *readings);
         let tells = runs.iter().any(|r| r.1 != *readings && r.1.keys().eq(readings.keys()));
-        if let Some((first, ..)) = same.filter(|_| tells && readings.len() >= LEAST_READINGS) {
+        let copied = || !by_chance(i, &runs);
+        if let Some((first, ..)) =
+            same.filter(|_| tells && readings.len() >= LEAST_READINGS && copied())
+        {
             let name = |l: &(String, usize)| match l.0.as_str() {
                 "" => format!("{}", l.1),
                 run => format!("'{run}'"),

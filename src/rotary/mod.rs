@@ -127,13 +127,17 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
         let in_dead_band = y.abs() <= options.dead_band_mm + 1e-9;
         let comp_new_deg = if in_dead_band { comp_old_deg } else { comp_old_deg - error_deg };
         let deviation_u95_mm = noise.u95_of_mean(group.readings);
+        // A wrong L makes the correction wrong in proportion.
+        let by_length_mm =
+            if in_dead_band { 0.0 } else { K95 * y.abs() * options.pivot_u_mm / length };
         // ∂ε/∂y = L / (L² + y²), ∂ε/∂L = -y / (L² + y²).
         let scale = 1.0 / (length * length + y * y);
         let from_length = (y * options.pivot_u_mm * scale).to_degrees();
         let error_u95_deg =
             deviation_u95_mm.map(|u| (length * u * scale).to_degrees().hypot(K95 * from_length));
         // The next reading scatters by itself around what is left.
-        let predicted_u95_mm = deviation_u95_mm.map(|u| u.hypot(noise.u95_of_next()));
+        let predicted_u95_mm =
+            deviation_u95_mm.map(|u| u.hypot(noise.u95_of_next()).hypot(by_length_mm));
         let mut flags = Vec::new();
         if in_dead_band {
             flags.push(Flag::DeadBand);

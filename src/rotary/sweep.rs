@@ -6,7 +6,7 @@ use std::path::Path;
 use super::{Options, copies};
 use crate::error::{Error, Result};
 use crate::table::Table;
-use crate::uncertainty::k95;
+use crate::uncertainty::{K95, k95, rounding_mm, scatters_more};
 use crate::units;
 
 /// The way the axis came to the angle.
@@ -73,10 +73,14 @@ pub struct Noise {
     pub run_mm: f64,
     /// Standard deviation of the runs' means as seen, their readings' noise included.
     between_mm: f64,
+    /// Standard uncertainty by the readings' last digit.
+    rounding_mm: f64,
     /// Number of runs.
     pub runs: usize,
     /// What the figures rest on.
     pub source: NoiseSource,
+    /// Whether repeats scatter by more than the user says.
+    is_doubted: bool,
 }
 
 /// Where the noise figure comes from.
@@ -168,7 +172,8 @@ impl Sweep {
             ));
         }
         groups.iter_mut().for_each(|g| g.mean_mm /= g.readings as f64);
-        let noise = estimate_noise(&groups, &readings);
+        let read: Vec<f64> = readings.iter().map(|r| r.deviation_mm).collect();
+        let noise = Noise { rounding_mm: rounding_mm(&read), ..estimate_noise(&groups, &readings) };
         groups.sort_by(|a, b| a.angle_deg.total_cmp(&b.angle_deg).then(a.dir.cmp(&b.dir)));
         Ok(Self { groups, warnings, noise })
     }
@@ -181,6 +186,8 @@ impl Sweep {
                 reading_mm,
                 reading_dof: f64::INFINITY,
                 source: NoiseSource::Given,
+                is_doubted: self.noise.source == NoiseSource::Repeats
+                    && scatters_more(self.noise.reading_mm, self.noise.reading_dof, reading_mm),
                 ..self.noise
             },
             None => self.noise,
@@ -230,13 +237,18 @@ impl Noise {
     /// degrees of freedom (Welch-Satterthwaite) would believe them.
     pub fn u95_of_mean(&self, readings: usize) -> Option<f64> {
         let from_reading = k95(self.reading_dof) * self.reading_mm / (readings as f64).sqrt();
-        let runs = self.runs.max(1) as f64;
+        // A place that some of the runs saw has only their shifts averaged.
+        let (runs, seen_by) = (self.runs.max(1) as f64, readings.clamp(1, self.runs.max(1)) as f64);
         let from_run = if self.between_mm > 0.0 {
-            k95(runs - 1.0) * self.between_mm / runs.sqrt()
+            k95(runs - 1.0) * self.between_mm / seen_by.sqrt()
         } else {
             0.0
         };
-        (self.source != NoiseSource::Unknown).then(|| from_reading.hypot(from_run))
+        // Readings that scatter by less than their last digit are all rounded alike.
+        let alike = self.reading_mm < self.rounding_mm * 0.5 * 12f64.sqrt();
+        let from_rounding = if alike { K95 * self.rounding_mm } else { 0.0 };
+        let all = from_reading.hypot(from_run).hypot(from_rounding);
+        (self.source != NoiseSource::Unknown).then_some(all)
     }
 
     /// The same of one more reading about its true mean.
@@ -249,6 +261,13 @@ impl Noise {
             NoiseSource::Repeats if self.reading_mm == 0.0 => Some(
                 "repeated readings are all alike: the indicator's resolution hides its noise, or a run was copied; \
                  give --noise-mm"
+                    .to_owned(),
+            ),
+            NoiseSource::Given if self.is_doubted => Some(
+                "repeated readings scatter by more than --noise-mm says: the intervals are too narrow".to_owned(),
+            ),
+            NoiseSource::Given if self.runs < 2 => Some(
+                "one run: how much the indicator's zero shifts from run to run is in no interval; repeat the sweep"
                     .to_owned(),
             ),
             NoiseSource::Given | NoiseSource::Repeats => None,
@@ -307,8 +326,10 @@ fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
         reading_dof: dof,
         run_mm: run_variance.sqrt(),
         between_mm,
+        rounding_mm: 0.0,
         runs: used.max(1),
         source: NoiseSource::Repeats,
+        is_doubted: false,
     }
 }
 
@@ -336,7 +357,9 @@ fn roughness(groups: &[Group]) -> Noise {
         reading_dof: (0.5 * count).max(1.0),
         run_mm: 0.0,
         between_mm: 0.0,
+        rounding_mm: 0.0,
         runs: 1,
         source,
+        is_doubted: false,
     }
 }

@@ -52,6 +52,14 @@ impl<'a> Blocks<'a> {
 
     /// Whether the readings are no rises above the cold state.
     pub(super) fn needs_constant(&self, warnings: &mut Vec<String>) -> bool {
+        if self.data.looks_absolute {
+            warnings.push(
+                "the readings look like temperatures, not rises above the cold state: a constant is fitted; give --cold-c, or \
+                 --constant no"
+                    .to_owned(),
+            );
+            return true;
+        }
         let total = self.total();
         let columns = with_constant(self.chosen(true), self.data.sensors(), true);
         let Some(s) = total.solve(&columns) else { return false };

@@ -144,8 +144,9 @@ impl Compensator {
         }
         let held_c = t.clamp(lowest_c, screw.t_max_c);
         let (deviation, u95) = screw.deviation(held_c, position_mm);
+        // If the law goes on this is all missing: no scatter that would add up in squares.
         let beyond = screw.deviation(t, position_mm).0 - deviation;
-        Some((deviation, u95.hypot(beyond)))
+        Some((deviation, u95 + beyond.abs()))
     }
 
     /// The head's displacement, from the sensors that live.

@@ -49,6 +49,9 @@ impl Default for Options {
     }
 }
 
+/// A head that never was colder than this gives temperatures, not rises, °C.
+const ROOM_C: f64 = 10.0;
+
 /// Readings of all sensors and the displacement they go with.
 #[derive(Debug, Clone)]
 pub struct Data {
@@ -57,6 +60,9 @@ pub struct Data {
     pub(super) displacement_mm: Vec<f64>,
     /// Where they are from.
     path: std::path::PathBuf,
+    /// Whether the readings look like temperatures rather than rises: every sensor's are well above zero, and farther from it than
+    /// from each other.
+    pub(super) looks_absolute: bool,
     /// What a user should know of the file.
     warnings: Vec<String>,
 }
@@ -80,15 +86,19 @@ impl Data {
         let displacement_mm = table.column("displacement_mm")?;
         let mut rises_c = vec![Vec::with_capacity(sensors.len()); table.rows()];
         let mut warnings = Vec::new();
+        let mut looks_absolute = cold_c.is_empty();
         for (i, name) in sensors.iter().enumerate() {
             let cold = cold_c.get(i).copied().unwrap_or(0.0);
             let column = table.column(name)?;
             warnings.extend(units::celsius(name, &column));
+            let (low, high) = range(&column);
+            looks_absolute &= low > ROOM_C && high - low < low;
             for (row, value) in rises_c.iter_mut().zip(column) {
                 row.push(value - cold);
             }
         }
-        Ok(Self { rises_c, displacement_mm, path: table.path().to_owned(), warnings })
+        let path = table.path().to_owned();
+        Ok(Self { rises_c, displacement_mm, path, looks_absolute, warnings })
     }
 
     pub(super) fn sensors(&self) -> usize {
