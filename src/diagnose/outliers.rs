@@ -67,6 +67,14 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
             first = second;
         }
     }
+    let mut alone = alone_under_a_shape(&first.fitter, &first.selection.fitted);
+    if !alone.is_empty() && few(alone.len() + first.outliers.len(), layout.values.len()) {
+        alone.extend(&first.outliers);
+        let second = settle(experiment, given_mm, alone, 0.0);
+        if second.ln_evidence() > first.ln_evidence() {
+            first = second;
+        }
+    }
     match following(&first, experiment, given_mm, FOLLOWS) {
         Some(second) if second.fair_ln_evidence() > first.fair_ln_evidence() => second,
         _ => first,
@@ -225,13 +233,67 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
     let left = |i: usize| (1.0 - basis.row(top + i).norm_squared()).max(LEAST_LEFT);
     let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)] / left(i).sqrt()).collect();
-    let mut sizes: Vec<f64> =
-        (0..n).filter(|i| fitter.space.kept(*i)).map(|i| rest[i].abs()).collect();
-    if sizes.is_empty() {
-        return Vec::new();
+    let scales = scales(&rest, |i| fitter.space.kept(i), &layout.classes);
+    (0..n)
+        .filter(|&i| fitter.space.kept(i) && rest[i].abs() > limit * scales[layout.classes[i]])
+        .collect()
+}
+
+/// How much each output's values scatter, robustly: outliers must not hide in the noise they made, nor make another output's values look
+/// far. What an output has too few values to tell, all tell together.
+fn scales(rest: &[f64], kept: impl Fn(usize) -> bool, classes: &[usize]) -> Vec<f64> {
+    /// Values that tell an output's own scatter.
+    const TELL: usize = 10;
+    let of = |class: Option<usize>| {
+        let counts = |i: &usize| kept(*i) && class.is_none_or(|c| classes[*i] == c);
+        let sizes: Vec<f64> = (0..rest.len()).filter(counts).map(|i| rest[i].abs()).collect();
+        sizes
+    };
+    let scale = |mut sizes: Vec<f64>| match sizes.is_empty() {
+        true => 1.0,
+        false => scatter(&mut sizes).clamp(1e-9, 1.0),
+    };
+    let together = scale(of(None));
+    let count = classes.iter().max().map_or(0, |c| c + 1);
+    let own = (0..count).map(|c| of(Some(c)));
+    own.map(|sizes| if sizes.len() < TELL { together } else { scale(sizes) }).collect()
+}
+
+/// Values that a shape stands on alone: most of what it adds to the rest of the model is at one capture. A slipped reading looks like that,
+/// and a shape of which no second capture tells is none.
+fn alone_under_a_shape(fitter: &Fitter, f: &Fitted) -> Vec<usize> {
+    /// Least part of the shape's square that is there, and of a value that it stands on.
+    const MOST_OF_IT: f64 = 0.8;
+    const NOTABLE: f64 = 0.1;
+    let layout = fitter.experiment.layout();
+    let top = fitter.space.top();
+    let offsets = fitter.offsets(&f.model);
+    let white = fitter.whiten(&f.tangent, &f.noise);
+    let mut alone = Vec::new();
+    for (k, extra) in f.model.extras.iter().enumerate() {
+        if !matches!(extra.kind, Extra::Generic(_)) {
+            continue;
+        }
+        let at = offsets[f.model.active.len() + k];
+        let own = at..at + extra.values.len();
+        let others: Vec<usize> = (0..white.ncols()).filter(|c| !own.contains(c)).collect();
+        let basis = orthonormal(&white.select_columns(&others), 1e-7);
+        let mut shape: DVector<f64> =
+            own.clone().zip(&extra.values).map(|(c, v)| white.column(c) * *v).sum();
+        shape -= &basis * basis.tr_mul(&shape);
+        let all = shape.norm_squared();
+        let mut by_capture = vec![0.0; layout.group_count()];
+        for (i, group) in layout.groups.iter().enumerate() {
+            by_capture[*group] += shape[top + i].powi(2);
+        }
+        if let Some(one) = by_capture.iter().position(|s| *s > MOST_OF_IT * all) {
+            let stands_on = |i: &usize| {
+                layout.groups[*i] == one
+                    && fitter.space.kept(*i)
+                    && shape[top + i].powi(2) > NOTABLE * all
+            };
+            alone.extend((0..layout.values.len()).filter(stands_on));
+        }
     }
-    sizes.sort_by(f64::total_cmp);
-    // A robust scale: outliers must not hide in the noise they made.
-    let scale = (sizes[sizes.len() / 2] / 0.6745).clamp(1e-9, 1.0);
-    (0..n).filter(|&i| fitter.space.kept(i) && rest[i].abs() > limit * scale).collect()
+    alone
 }

@@ -9,9 +9,9 @@ use crate::fit::tails::ln_f_tail;
 
 /// p-value under which two outputs are said to repeat unlike well.
 const UNLIKE_NOISE_P: f64 = 0.01;
-/// p-value that an output's own repeats must give before it is held against those of all outputs. With ten repeats what is twenty standard
-/// errors large still gives less in 98 of 100 sets.
-const OWN_REPEATS_P: f64 = 0.02;
+/// How much likelier, in nats, an output's own repeats must be under the scatter of all outputs' repeats than under what it scatters by
+/// between sites, before it is held against those of all: else it may merely be noisier than the others.
+const LIKELIER: f64 = 4.0;
 /// Least degrees of freedom of repeats worth a test.
 const LEAST_REPEATS: f64 = 6.0;
 
@@ -24,6 +24,16 @@ struct Spread {
     within_dof: f64,
     /// Degrees of freedom that each counts for: fewer than one where kinds of unlike variance are put together.
     worth: f64,
+}
+
+impl Spread {
+    /// By how many nats its repeats are likelier under the variance of `all` repeats than under its own between sites.
+    fn likelier_than_between(&self, all: &Self) -> f64 {
+        let ln_likelihood =
+            |variance: f64| -0.5 * (self.within_dof * variance.ln() + self.within / variance);
+        let between = self.between / self.between_dof;
+        ln_likelihood(all.within / all.within_dof) - ln_likelihood(between)
+    }
 }
 
 /// ln p-values of the spread of sites against the spread of captures of the same site: of each kind of value, and of all
@@ -77,10 +87,9 @@ pub(super) fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) ->
         enough.then(|| ln_f_tail(ratio, dofs.0, dofs.1))
     };
     let each = spreads.iter().filter_map(|s| {
-        let own = tested(s, s);
         // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
-        let may_share = shared_noise && own.is_none_or(|p| p < OWN_REPEATS_P.ln());
-        if may_share { tested(s, &total) } else { own }
+        let may_share = shared_noise && s.likelier_than_between(&total) > LIKELIER;
+        if may_share { tested(s, &total) } else { tested(s, s) }
     });
     let mut list: Vec<f64> = each.collect();
     if shared_noise && kinds > 1 {

@@ -252,11 +252,11 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
     }
     let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
     let mut keys: Vec<&[f64]> = vec![&series];
-    // Time and temperature pass by; everything else makes the place.
+    // Time and temperature pass by, and a place is one from whichever side it is reached; everything else makes the place.
     keys.extend(
         data.numbers
             .iter()
-            .filter(|(n, _)| !["t_s", "temp_c", "screw_c", "ambient_c"].contains(n))
+            .filter(|(n, _)| !["t_s", "temp_c", "screw_c", "ambient_c", "dir"].contains(n))
             .map(|(_, c)| c.as_slice()),
     );
     let sites = if data.head_c.is_empty() { sites(&keys, rows) } else { (0..rows).collect() };
