@@ -81,8 +81,8 @@ enum Attempt {
     Surface,
     /// A ring in which no spot is seen.
     NoSpot,
-    /// A ring with a spot that cannot be measured.
-    UnclearSpot,
+    /// A ring with a spot that cannot be measured, or with nothing but dots.
+    UnclearSpot { dots: bool },
     /// Something else, or a ring that does not tell where it is.
     Flawed(Flaw),
 }
@@ -137,11 +137,12 @@ impl<'a> Scene<'a> {
                 Attempt::SecondBurn(other) => return Err(two_burns(subject, outer, &other)),
                 Attempt::Surface => {}
                 Attempt::NoSpot => tried.add_lone(outer),
-                // The ring is there: about its centre a worse one with a better spot would be a wrong answer, and elsewhere one
-                // whose spot may be dirt.
-                Attempt::UnclearSpot => {
+                Attempt::UnclearSpot { dots } => {
                     tried.add_lone(outer);
                     tried.unclear.push(outer);
+                    if !dots {
+                        break; // The ring is there; a worse one with a better spot would be a wrong answer.
+                    }
                 }
                 Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
             }
@@ -179,14 +180,16 @@ impl<'a> Scene<'a> {
             return Attempt::SecondBurn(*other);
         }
         let mut attempt = Attempt::Flawed(Flaw::Other);
+        let mut dots = true;
         for (place, near, spots) in looks {
+            dots &= spots.iter().all(|s| spot::is_dot(&s.circle, &outer.circle));
             if spot::has_rivals(place, &spots) {
-                return Attempt::UnclearSpot;
+                return Attempt::UnclearSpot { dots };
             }
             let look = near.as_ref().unwrap_or(self.look);
             let ring = match annulus::measure(self.frame, self.view, outer, &edges, spots[0]) {
                 Ok(ring) => ring,
-                Err(_) if matches!(attempt, Attempt::UnclearSpot) => break,
+                Err(_) if matches!(attempt, Attempt::UnclearSpot { .. }) => break,
                 Err(flaw) => return Attempt::Flawed(flaw),
             };
             let (frame, view) = (self.frame, self.view);
@@ -200,7 +203,7 @@ impl<'a> Scene<'a> {
                 let warnings = warnings(&ring, &spot);
                 return Attempt::Both(Box::new((ring, spot, warnings)));
             }
-            attempt = Attempt::UnclearSpot;
+            attempt = Attempt::UnclearSpot { dots };
         }
         attempt
     }
