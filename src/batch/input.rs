@@ -88,6 +88,35 @@ fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
     Ok(items)
 }
 
+/// What a folder holds that looks as if it were meant, and is not measured: pictures in folders inside it, and of kinds that are not read; `out` is
+/// the batch's own.
+pub fn passed_over(input: &str, out: &Path, kind: Kind) -> Option<String> {
+    /// Pictures of other kinds.
+    const OTHERS: [&str; 12] =
+        ["webp", "heic", "heif", "avif", "gif", "jp2", "dng", "cr2", "cr3", "nef", "arw", "raw"];
+    let within = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        entries.map(|entry| entry.path()).collect()
+    };
+    let counted = |count: usize, one: &str, several: &str| match count {
+        0 => None,
+        1 => Some(one.to_owned()),
+        n => Some(format!("{n} {several}")),
+    };
+    let all = within(Path::new(input));
+    let is_filled = |p: &&PathBuf| {
+        p.as_path() != out && p.is_dir() && within(p).iter().any(|inner| belongs(inner, kind))
+    };
+    let folders = all.iter().filter(is_filled).count();
+    let others = all.iter().filter(|p| kind == Kind::Pictures && named::is_one_of(p, &OTHERS));
+    let files = counted(others.count(), "a picture of a kind", "pictures of kinds");
+    let said: Vec<String> = counted(folders, "a folder with more inside it", "folders inside it")
+        .into_iter()
+        .chain(files.map(|files| format!("{files} that is not read (convert to PNG)")))
+        .collect();
+    (!said.is_empty()).then(|| format!("{input}: not measured: {}", said.join(", and ")))
+}
+
 fn pattern(pattern: &str, kind: Kind) -> Result<Vec<Item>> {
     let paths = glob::glob(pattern).map_err(|e| {
         Error::option(

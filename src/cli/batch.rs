@@ -106,6 +106,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         retry_failed: args.retry_failed,
         watch,
     };
+    let passed_over = input::passed_over(&args.input, &options.out, job.kind());
+    passed_over.iter().for_each(|p| global.say(format!("warning: {p}")));
     let bar = Bar::new(global);
     let summary = batch::run(&job, &options, &|p| bar.show(p), &|news| global.say(news))?;
     bar.end();

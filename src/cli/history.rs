@@ -170,7 +170,11 @@ pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<
             .map_or_else(|| input.to_string(), str::to_owned);
         Ok(record(command, name, arguments, None, result))
     });
-    Store::open(path)?.add(records).map(drop)
+    // The mean of several tests is what was judged: a series of its own beside that of the tests.
+    let mean = document.json.get("mean").map(|mean| {
+        Ok(record(&format!("{command}-mean"), input.to_string(), arguments, None, mean.clone()))
+    });
+    Store::open(path)?.add(records.chain(mean)).map(drop)
 }
 
 /// Says that a result could not be kept: it is measured and shown all the same.

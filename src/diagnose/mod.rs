@@ -3,7 +3,8 @@
 mod again;
 mod algebra;
 mod basis;
-pub mod classes;
+pub mod by_site;
+mod classes;
 pub mod data;
 mod doubts;
 pub mod effects;

@@ -17,6 +17,8 @@ const MOST_REPEATS: usize = 4;
 const LEAST_BUDGET: usize = 24;
 /// χ² by which a rival must be expected to fit worse: its threshold (9.2) and 2.4 standard deviations more.
 const PARTED: f64 = 40.0;
+/// Captures that a promise stands on at least, at as many places: one may slip, and the forms here are not the only ones.
+const LEAST_CAPTURES: usize = 3;
 /// Captures that part no pair by as much as this more than the data do are not worth taking.
 const LEAST_PARTED: f64 = 4.0;
 
@@ -167,11 +169,12 @@ fn choose(pairs: &[Pair], count: usize, budget: usize) -> (Vec<usize>, Vec<f64>)
     let mut hopeless = vec![false; pairs.len()];
     let mut taken = vec![0; count];
     while picked.len() < budget {
-        let open = (0..pairs.len()).filter(|p| parted[*p] < PARTED && !hopeless[*p]);
+        let few = (1..LEAST_CAPTURES).contains(&picked.len());
+        let open = (0..pairs.len()).filter(|p| (parted[*p] < PARTED || few) && !hopeless[*p]);
         let Some(worst) = open.min_by(|a, b| parted[*a].total_cmp(&parted[*b])) else { break };
         let gain = |k: usize| state[worst].plus(&pairs[worst].proposals[k]).separation();
         let best = (0..count)
-            .filter(|k| taken[*k] < MOST_REPEATS)
+            .filter(|k| taken[*k] < if few { 1 } else { MOST_REPEATS })
             .map(|k| (k, gain(k)))
             .max_by(|a, b| a.1.total_cmp(&b.1));
         match best {

@@ -6,7 +6,7 @@ use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::noise::Space;
-use crate::diagnose::parts::{Part, add, part_chi2};
+use crate::diagnose::parts::{Part, add, beside_the_rest, part_chi2};
 use crate::diagnose::rim::is_rough;
 use crate::diagnose::score::{Standing, gain_of_free};
 use crate::diagnose::select::{Selection, select};
@@ -267,20 +267,12 @@ fn alone_under_a_shape(fitter: &Fitter, f: &Fitted) -> Vec<usize> {
     const NOTABLE: f64 = 0.1;
     let layout = fitter.experiment.layout();
     let top = fitter.space.top();
-    let offsets = fitter.offsets(&f.model);
-    let white = fitter.whiten(&f.tangent, &f.noise);
     let mut alone = Vec::new();
     for (k, extra) in f.model.extras.iter().enumerate() {
         if !matches!(extra.kind, Extra::Generic(_)) {
             continue;
         }
-        let at = offsets[f.model.active.len() + k];
-        let own = at..at + extra.values.len();
-        let others: Vec<usize> = (0..white.ncols()).filter(|c| !own.contains(c)).collect();
-        let basis = orthonormal(&white.select_columns(&others), 1e-7);
-        let mut shape: DVector<f64> =
-            own.clone().zip(&extra.values).map(|(c, v)| white.column(c) * *v).sum();
-        shape -= &basis * basis.tr_mul(&shape);
+        let shape = beside_the_rest(fitter, f, Part::Extra(k));
         let all = shape.norm_squared();
         let mut by_capture = vec![0.0; layout.group_count()];
         for (i, group) in layout.groups.iter().enumerate() {

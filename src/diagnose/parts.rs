@@ -1,7 +1,8 @@
 //! Taking parts out of a model, and what they explain given all others.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pool::{Pool, Who, choice};
@@ -159,6 +160,23 @@ fn along(fitter: &Fitter, f: &Fitted, part: Part, range: std::ops::Range<usize>)
         sum.iter_mut().zip(f.tangent.column(c).iter()).for_each(|(s, t)| *s += free[c] * t);
     }
     sum
+}
+
+/// What a part adds that the rest of the model could not, whitened.
+pub fn beside_the_rest(fitter: &Fitter, f: &Fitted, part: Part) -> DVector<f64> {
+    let offsets = fitter.offsets(&f.model);
+    let at = match part {
+        Part::Effect(i) => i,
+        Part::Extra(i) => f.model.active.len() + i,
+    };
+    let own = offsets[at]..offsets[at + 1];
+    let white = fitter.whiten(&f.tangent, &f.noise);
+    let others: Vec<usize> = (0..white.ncols()).filter(|c| !own.contains(c)).collect();
+    let basis = orthonormal(&white.select_columns(&others), 1e-7);
+    let sum = along(fitter, f, part, own);
+    let shape = fitter.whiten(&DMatrix::from_column_slice(sum.len(), 1, &sum), &f.noise);
+    let shape = shape.column(0);
+    shape - &basis * basis.tr_mul(&shape)
 }
 
 /// Tangent columns of an effect's linear parameters, and the number of its form parameters.

@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
+use crate::diagnose::by_site;
 use crate::diagnose::classes::{by_name, pair_instead, rivals, stand_ins};
 use crate::diagnose::doubts;
 use crate::diagnose::experiment::{Experiment, Layout};
@@ -78,7 +79,10 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
             "give the measured columns, or use --plan-only",
         ));
     }
-    let Screened { fitter, selection, outliers } = screen(experiment, options.noise_mm);
+    let Screened { fitter, mut selection, outliers } = screen(experiment, options.noise_mm);
+    if lack_of_fit(&fitter, &selection.fitted).is_some_and(|p| p < LACK_OF_FIT_P) {
+        by_site::take_back(&fitter, &mut selection);
+    }
     let mut report = build(&fitter, &selection, outliers);
     report.next_measurement = next_measurement(&fitter, &selection);
     Ok(Diagnosis { report, selection, fitter })

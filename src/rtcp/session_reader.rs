@@ -8,7 +8,7 @@ use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
 use crate::rtcp::results::{BurnResult, OffAxis, RodResult};
 use crate::rtcp::session::{Limit, Session};
-use crate::rtcp::session_file::{Burn, Control, File, Rod, Touch};
+use crate::rtcp::session_file::{Burn, Checks, Control, File, Rod, Touch};
 use crate::rtcp::solve::Readings;
 use crate::uncertainty::{K95, Measured, distance};
 use crate::units;
@@ -180,7 +180,7 @@ impl Reader<'_> {
 
     fn readings(&mut self, file: &File, b_zero_u_rad: f64) -> Result<Readings> {
         let touch = &file.touch;
-        let rod = self.rod(&file.rod, (touch.c_deg, file.c_sense), file.checks.rod_runout_mm)?;
+        let rod = self.rod(&file.rod, (touch.c_deg, file.c_sense), &file.checks)?;
         let RodSeen { axis_center_mm, axis_from_seen_mm, .. } = rod;
         let rim = touch.nozzle_rim_radius_mm.unwrap_or_else(|| {
             self.warnings.push(
@@ -221,7 +221,7 @@ impl Reader<'_> {
         &mut self,
         rod: &Rod,
         (touch_c_deg, c_sense): (Option<f64>, i32),
-        runout_mm: Option<f64>,
+        checks: &Checks,
     ) -> Result<RodSeen> {
         let mut eccentricity = match rod.eccentricity_mm {
             Some(e) => Some(self.uncertainty("rod.eccentricity_mm", e)?),
@@ -297,7 +297,16 @@ impl Reader<'_> {
         }
         self.warnings.extend(units::rod("rod.diameter_mm", diameter.value));
         // Where its angle is not known a rod's centre may lie anywhere on its small circle.
-        let e = eccentricity.or(runout_mm.map(|r| r / 2.0)).unwrap_or(0.0);
+        let e = eccentricity.or(checks.rod_runout_mm.map(|r| r / 2.0)).unwrap_or_else(|| {
+            let allowed = if is_rods { checks.tolerance_mm / 2.0 } else { 0.0 };
+            if is_rods {
+                self.warnings.push(format!(
+                    "S2, rod: nothing tells how eccentric it is to the C axis: {allowed} mm is taken, half the run-out that is allowed; \
+                     see it at two C angles or more, or give checks.rod_runout_mm"
+                ));
+            }
+            allowed
+        });
         let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
         // From one place on that circle to another.
         let turned = Measured { value: 0.0, u: e };

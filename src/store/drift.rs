@@ -12,10 +12,13 @@ use crate::plot::{Figure, Panel};
 use crate::uncertainty::{K95, k95};
 
 /// What is followed over time: command, key, name, key of its limit.
-const FOLLOWED: [(&str, &str, &str, Option<&str>); 12] = [
+const FOLLOWED: [(&str, &str, &str, Option<&str>); 15] = [
     ("burn", "offset_mm.0", "offset X, mm", None),
     ("burn", "offset_mm.1", "offset Y, mm", None),
     ("burn", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
+    ("burn-mean", "offset_mm.0", "offset X, mm", None),
+    ("burn-mean", "offset_mm.1", "offset Y, mm", None),
+    ("burn-mean", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
     ("rod", "axis_center_mm.0", "X_C, mm", None),
     ("rod", "axis_center_mm.1", "Y_C, mm", None),
     ("rod", "diameter_mm", "rod diameter, mm", None),

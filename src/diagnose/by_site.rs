@@ -1,0 +1,74 @@
+//! Names beside something unknown that repeats show: captures of one site share what the unknown leaves there, so a site is one witness
+//! however often it was measured.
+
+use crate::diagnose::fit::{Fitted, Fitter};
+use crate::diagnose::parts::{Part, beside_the_rest, remove};
+use crate::diagnose::select::Selection;
+use crate::fit::tails::ln_f_tail;
+
+/// p-value, all names counted, above which one is not believed against the scatter between sites.
+const BELIEVED_P: f64 = 0.01;
+/// Degrees of freedom between sites worth a judgement.
+const LEAST_SITES: f64 = 3.0;
+
+/// Takes back names that the scatter between sites may have made, weakest first.
+pub(super) fn take_back(fitter: &Fitter, selection: &mut Selection) {
+    // With parts of its own a capture is a witness already.
+    if !fitter.experiment.layout().random.is_empty() {
+        return;
+    }
+    while !selection.fitted.model.active.is_empty() {
+        let f = &selection.fitted;
+        let scatter = between_sites(fitter, f);
+        let names = (0..f.model.active.len()).map(|i| (i, ln_p(fitter, f, i, &scatter)));
+        let Some((weakest, p)) = names.max_by(|a, b| a.1.total_cmp(&b.1)) else { return };
+        if p + selection.library_tests.max(1.0).ln() < BELIEVED_P.ln() {
+            return;
+        }
+        selection.fitted = fitter.fit(remove(&f.model, Part::Effect(weakest)), Some(&f.noise));
+    }
+}
+
+/// Of each class of values, how much sites scatter in units of the noise's variance (1 at least), and with what degrees of freedom.
+fn between_sites(fitter: &Fitter, f: &Fitted) -> Vec<(f64, f64)> {
+    let layout = fitter.experiment.layout();
+    let white = fitter.whiten_residual(f, &f.noise);
+    let (top, sites) = (fitter.space.top(), layout.sites.iter().max().map_or(0, |m| m + 1));
+    let values = fitter.space.observations() as f64 - top as f64;
+    let classes = layout.classes.iter().max().map_or(0, |c| c + 1);
+    let of = |class: usize| {
+        let mut sums = vec![(0.0, 0.0); sites];
+        let mut count = 0.0;
+        for i in (0..layout.values.len()).filter(|i| layout.classes[*i] == class) {
+            if fitter.space.kept(i) {
+                let site = &mut sums[layout.sites[layout.groups[i]]];
+                *site = (site.0 + white[(top + i, 0)], site.1 + 1.0);
+                count += 1.0;
+            }
+        }
+        let seen = sums.iter().filter(|s| s.1 > 0.0);
+        let squares: f64 = seen.clone().map(|(sum, n)| sum * sum / n).sum();
+        let dof = seen.count() as f64 - f.rank as f64 * count / values;
+        ((squares / dof.max(1.0)).max(1.0), dof)
+    };
+    (0..classes).map(of).collect()
+}
+
+/// ln of a name's p-value against the scatter between sites, in the outputs in which it shows.
+fn ln_p(fitter: &Fitter, f: &Fitted, name: usize, scatter: &[(f64, f64)]) -> f64 {
+    let layout = fitter.experiment.layout();
+    let top = fitter.space.top();
+    let shape = beside_the_rest(fitter, f, Part::Effect(name));
+    let offsets = fitter.offsets(&f.model);
+    let rank = (offsets[name + 1] - offsets[name]).max(1) as f64;
+    let (mut chi2, mut dof, mut all) = (0.0, 0.0, 0.0);
+    for (i, class) in layout.classes.iter().enumerate() {
+        let (variance, sites) = scatter[*class];
+        let square = shape[top + i].powi(2);
+        chi2 += square / variance;
+        dof += square * sites;
+        all += square;
+    }
+    let dof = if all > 0.0 { dof / all } else { 0.0 };
+    if dof < LEAST_SITES { f64::NEG_INFINITY } else { ln_f_tail(chi2 / rank, rank, dof) }
+}
