@@ -419,3 +419,33 @@ fn the_command_measures_applies_and_names_bad_touches() {
         assert!(message.contains(words), "{words}: {message}");
     }
 }
+
+/// Sides that are rougher than the face say so by themselves, and four points of a face may agree by chance.
+#[test]
+fn rough_sides_and_few_points_have_intervals_that_hold() {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+    let mut draw = |sd: f64| Normal::new(0.0, sd).unwrap().sample(&mut random);
+    let (mut held, mut worst): (usize, f64) = (0, 0.0);
+    for _ in 0..100 {
+        let mut out = String::from("kind,x_mm,y_mm,z_mm\n");
+        for (x, y) in [(-50, -50), (50, -50), (50, 50), (-50, 50), (0, 10), (20, -30), (-30, 0)] {
+            writeln!(out, "face,{x},{y},{:.6}", 50.0 + draw(0.001)).unwrap();
+        }
+        for side in [-60.0, 60.0] {
+            for along in [-40.0, -20.0, 0.0, 20.0, 40.0] {
+                writeln!(out, "side_x,{:.6},{along},30", side + draw(0.004)).unwrap();
+                writeln!(out, "side_y,{along},{:.6},30", side + draw(0.004)).unwrap();
+            }
+        }
+        let found = fitted(&out, &IDEAL);
+        held += usize::from(found.center_mm.unwrap()[0].abs() < found.center_u95_mm.unwrap()[0]);
+        let mut few = String::from("kind,x_mm,y_mm,z_mm\n");
+        for (x, y) in [(-50, -50), (50, -50), (50, 50), (-50, 50)] {
+            writeln!(few, "face,{x},{y},{:.6}", 50.0 + draw(0.002)).unwrap();
+        }
+        let found = fitted(&few, &IDEAL);
+        worst = worst.max(found.dz_mm.abs() / found.dz_u95_mm);
+    }
+    assert!(held > 90, "{held} of 100");
+    assert!(worst < 3.0, "{worst}");
+}

@@ -451,3 +451,27 @@ fn an_overexposed_light_annulus_is_no_lamp() {
     let off_mm = off_mm(&found, offset_px);
     assert!(off_mm < x.hypot(y) && off_mm < 0.02, "off by {off_mm}");
 }
+
+#[test]
+fn a_chip_in_a_drilled_hole_is_no_spot_where_a_burn_has_one() {
+    let offset_px = Vector2::new(2.0, -1.0);
+    let inside = |p: Vector2<f64>, x: f64, y: f64, radius: f64, soft: f64| {
+        0.5 - 0.5 * (((p - Vector2::new(x, y)).norm() - radius) / soft).tanh()
+    };
+    // The burn's edges are soft, the hole's and its burr's are sharp: they are found first.
+    let seen = picture(|p| {
+        let annulus =
+            inside(p, 230.0, 250.0, 120.0, 8.0) * (1.0 - inside(p, 230.0, 250.0, 70.0, 8.0));
+        let burnt = 150.0 - 90.0 * annulus;
+        let level = burnt + (50.0 - burnt) * inside(p, 232.0, 249.0, 28.0, 4.0);
+        let off = |x: f64, y: f64| (p - Vector2::new(x, y)).norm();
+        match off(540.0, 120.0) {
+            _ if off(515.0, 100.0) < 5.0 => 150.0,
+            hole if hole < 70.0 => 20.0,
+            burr if burr < 78.0 => 190.0,
+            _ => level,
+        }
+    });
+    let found = measure(&seen).unwrap();
+    assert!(off_mm(&found, offset_px) < 1e-3, "{:?}", found.report.offset.offset_mm);
+}

@@ -454,3 +454,67 @@ fn noise_and_sizes_that_no_machine_has_are_not_believed() {
         "{warnings}"
     );
 }
+
+/// A slipped reading among few burns is no bump at its place, and no step of the last one.
+#[test]
+fn a_shape_does_not_stand_on_one_reading() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    for slipped in [0, 11, 23] {
+        let mut csv = String::from("height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n");
+        for k in 0..24 {
+            let (height, b) = ([20.0, 35.0, 47.0][k % 3], 15.0 * (k * 5 % 24) as f64 - 90.0);
+            let [dx, mut dy] = [0.001 * normal(), 0.001 * normal()];
+            if k == slipped {
+                dy += 0.06;
+            }
+            writeln!(csv, "{height},{},{b},{},{dx:.6},{dy:.6}", 100 + 50 * (k % 4), 90 * k)
+                .unwrap();
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let report = diagnose("burn", folder);
+        assert_eq!(report["verdict"], "consistent", "{slipped}: {}", report["unnamed"]);
+        assert_eq!(report["outliers"].as_array().unwrap().len(), 1, "{slipped}");
+    }
+}
+
+/// On the way back a ball bar repeats the way there: what both show at each place is no noise, and no name for being seen twice.
+#[test]
+fn the_way_back_repeats_the_way_there() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let plan = ["ballbar", "simulate", "--path", "zb,xb", "--steps", "60"];
+    assert!(
+        run(&[&plan[..], &["--format", "csv", "--out", "there.csv"]].concat(), folder)
+            .status
+            .success()
+    );
+    let text = std::fs::read_to_string(folder.join("there.csv")).unwrap();
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|l| l.split(',').collect()).collect();
+    let mut normal = normal();
+    let left: Vec<f64> = rows.iter().map(|_| 0.006 * normal()).collect();
+    let mut csv = String::from("path,b_deg,x_mm,z_mm,dir,length_mm\n");
+    for dir in [1, -1] {
+        for (row, left) in rows.iter().zip(&left) {
+            let length: f64 = row[4].parse().unwrap();
+            let length = length + left + 0.001 * normal();
+            writeln!(csv, "{},{},{},{},{dir},{length:.6}", row[0], row[1], row[2], row[3]).unwrap();
+        }
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let arguments = [
+        "diagnose",
+        "ballbar",
+        "--model",
+        "machine.toml",
+        "--data",
+        "data.csv",
+        "--format",
+        "json",
+    ];
+    let report: Value = serde_json::from_slice(&run(&arguments, folder).stdout).unwrap();
+    assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
+}

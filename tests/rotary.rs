@@ -284,3 +284,58 @@ fn a_copied_run_counts_once_and_is_told() {
     let noise = |s: &Sweep| (s.noise(None).reading_mm, s.groups[2].mean_mm, s.groups[2].readings);
     assert_eq!(noise(&two), noise(&three));
 }
+
+/// A dial read to its last digit repeats exactly and is not exact; a place that one run saw has that run's shift; and a wrong L makes a
+/// correction wrong in proportion.
+#[test]
+fn intervals_hold_the_last_digit_the_runs_and_the_length() {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, Normal};
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(5);
+    let mut draw = |sd: f64| Normal::new(0.0, sd).unwrap().sample(&mut random);
+    let (mut read, mut alone, mut next) = ((0, 0), (0, 0), (0, 0));
+    let count = |of: &mut (usize, usize), inside: bool| {
+        of.0 += usize::from(inside);
+        of.1 += 1;
+    };
+    for _ in 0..60 {
+        // The whole circle's error at L = 500 mm, read to a hundredth; and the last place by one run of five alone, to all digits.
+        let truth = |angle: f64| 0.03 * angle.to_radians().sin();
+        let (mut coarse, mut fine) = (String::from("angle_deg,run,deviation_mm\n"), String::new());
+        for run in 0..5 {
+            let shift = draw(0.004);
+            for angle in (0..360).step_by(15).map(f64::from) {
+                coarse += &format!("{angle},{run},{:.2}\n", truth(angle) + draw(0.001));
+                if run == 0 || angle < 345.0 {
+                    fine += &format!("{angle},{run},{:.6}\n", truth(angle) + shift + draw(0.001));
+                }
+            }
+        }
+        let options = Options::new(500.0);
+        for row in correct(&sweep(&coarse), &options).unwrap().rows {
+            let off = row.deviation_mm - truth(row.angle_deg);
+            count(&mut read, off.abs() < row.deviation_u95_mm.unwrap());
+        }
+        let fine = sweep(&format!("angle_deg,run,deviation_mm\n{fine}"));
+        let row = correct(&fine, &options).unwrap().rows.pop().unwrap();
+        count(&mut alone, (row.deviation_mm - truth(345.0)).abs() < row.deviation_u95_mm.unwrap());
+        // L is 2 mm off in one of three: what a correction of 0.4 mm leaves.
+        let off = draw(1.0);
+        let text: String = (0..30)
+            .map(|k| format!("{},{},{:.6}\n", 10 * (k % 10), k / 10, 0.4 + draw(0.0003)))
+            .collect();
+        let measured = sweep(&format!("angle_deg,run,deviation_mm\n{text}"));
+        let options = Options { pivot_u_mm: 1.0, ..Options::new(200.0 + off) };
+        for row in correct(&measured, &options).unwrap().rows {
+            // The true axis is at 200 mm.
+            let left = 0.4 - 200.0 * (0.4 / (200.0 + off)) + draw(0.0003);
+            count(
+                &mut next,
+                (left - row.predicted_deviation_mm).abs() < row.predicted_u95_mm.unwrap(),
+            );
+        }
+    }
+    for (what, (held, all)) in [("read", read), ("alone", alone), ("next", next)] {
+        assert!(held as f64 > 0.9 * all as f64, "{what}: {held} of {all}");
+    }
+}

@@ -8,6 +8,7 @@ use std::path::Path;
 use assert_cmd::Command;
 use nalgebra::Vector3;
 use pivotsight::machine::Machine;
+use pivotsight::rtcp::Session;
 use pivotsight::rtcp::solve::{Readings, Solved, solve};
 use pivotsight::uncertainty::{K95, Measured, Verdict};
 use rand::SeedableRng;
@@ -326,4 +327,75 @@ fn bad_sessions_are_refused_with_the_key_to_correct() {
         assert_eq!((code, json), (2, Value::Null), "{words}: {stderr}");
         assert!(stderr.contains(words), "{words}: {stderr}");
     }
+}
+
+/// Values typed in say nothing of the sense of B: where they are the new ones already, nothing changes, whichever way it turns.
+#[test]
+fn values_that_are_in_the_control_already_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let session = folder.path().join("s.toml");
+    for (x1, x2) in [(210.1, -209.9), (-209.9, 210.1)] {
+        let text = format!(
+            "[rod]\ndiameter_mm = 20\ncenter_mm = [0, 0]\n[touch]\nx1_mm = {x1}\nx2_mm = {x2}\nz_table_mm = 0\n\
+             [control]\ndelta_x_mm = 0.1\nr_mm = 200\nxc_mm = 0\nyc_mm = 0\nzc_mm = 0\n"
+        );
+        std::fs::write(&session, text).unwrap();
+        let (_, json, _) = command(&session, &[]);
+        for astray in json["change"]["removes"].as_array().unwrap() {
+            assert!(astray["dx_mm"].as_f64().unwrap().abs() < 1e-9, "{x1}: {astray}");
+        }
+    }
+}
+
+/// Far from the angles at which the rod was seen an error of the axis is twice one of where the rod stood.
+#[test]
+fn the_place_of_a_rod_turned_far_has_an_interval_that_holds() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = ChaCha8Rng::seed_from_u64(4);
+    let mut draw = || 0.001 * Distribution::<f64>::sample(&StandardNormal, &mut random);
+    let (mut held, runs) = (0, 200);
+    for _ in 0..runs {
+        let angles = [0.0f64, 30.0, 60.0];
+        let turned = |c: f64| [0.02 * c.to_radians().cos(), 0.02 * c.to_radians().sin()];
+        let seen = angles.map(|c| turned(c).map(|v| v + draw()));
+        // Axis and eccentricity by least squares, as `rod` has them.
+        let design = nalgebra::DMatrix::from_fn(6, 4, |r, k| {
+            let (sin, cos) = angles[r / 2].to_radians().sin_cos();
+            [[1.0, 0.0, cos, -sin], [0.0, 1.0, sin, cos]][r % 2][k]
+        });
+        let normal = (design.transpose() * &design).try_inverse().unwrap();
+        let axis =
+            &normal * design.transpose() * nalgebra::DVector::from_fn(6, |r, _| seen[r / 2][r % 2]);
+        let u95 = K95 * 0.001 * normal[(0, 0)].sqrt();
+        let centers: Vec<String> = (0..3)
+            .map(|i| {
+                format!(
+                    r#"{{"c_deg":{},"center_mm":{:?},"center_u95_mm":[0.00196,0.00196]}}"#,
+                    angles[i], seen[i]
+                )
+            })
+            .collect();
+        let rod = format!(
+            r#"{{"schema":"pivotsight.rod/1","version":"0","input":"x","warnings":[],"rod_centers":[{}],
+            "axis_center_mm":[{},{}],"axis_center_u95_mm":[{u95},{u95}],"eccentricity_mm":0.02,"axis_separated":true,
+            "diameter_mm":20.0,"diameter_u95_mm":0.0001}}"#,
+            centers.join(","),
+            axis[0],
+            axis[1]
+        );
+        std::fs::write(folder.path().join("rod.json"), rod).unwrap();
+        let [there, _] = turned(200.0);
+        let session = format!(
+            "[rod]\nresult = \"rod.json\"\n[touch]\nc_deg = 200\nx1_mm = {}\nx1_u_mm = 1e-5\nx2_mm = {}\nx2_u_mm = 1e-5\n\
+             z_table_mm = 0\nnozzle_rim_radius_mm = 0\nb_zero_u_deg = 0\n",
+            there + 225.0,
+            there - 225.0
+        );
+        std::fs::write(folder.path().join("s.toml"), session).unwrap();
+        let read = Session::read(folder.path().join("s.toml")).unwrap();
+        let delta_x = solve(&read.readings).unwrap().delta_x_mm;
+        held += usize::from(delta_x.value.abs() < delta_x.u95());
+    }
+    let share = f64::from(held as u32) / f64::from(runs);
+    assert!((0.91..0.985).contains(&share), "{share}");
 }

@@ -320,3 +320,20 @@ fn bad_calibrations_are_refused_with_words() {
     std::fs::write(&path, "{\"schema\":\"pivotsight.rotary/1\"}").unwrap();
     thermal().args(["compensate", "--model"]).arg(&path).write_stdin("").assert().code(2);
 }
+
+/// Temperatures taken for rises would bend the coefficients: what looks like them gets a constant, and the user is told.
+#[test]
+fn a_head_that_gives_temperatures_gets_a_constant_and_a_word() {
+    let truth = Truth { cold_c: 20.0, ..Truth::sample(3) };
+    let mut hits = (0, 0);
+    for seed in 0..20 {
+        let (model, warnings) = fitted(&truth, 120, seed, &head::Options::default());
+        assert!(warnings.iter().any(|w| w.contains("look like temperatures")), "{warnings:?}");
+        let head = model.head.unwrap();
+        for (c, a) in head.coefficients.iter().zip(&truth.head_mm_per_c) {
+            hits.0 += usize::from((c.mm_per_c - a).abs() < c.mm_per_c_u95);
+            hits.1 += 1;
+        }
+    }
+    assert!(hits.0 * 10 > hits.1 * 8, "{hits:?}");
+}

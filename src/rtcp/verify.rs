@@ -168,3 +168,32 @@ pub fn figure(sweep: &Sweep, report: &Report) -> Figure {
     }
     figure
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    use super::*;
+
+    /// The largest of many is chosen for its noise: of an exact machine too, and with a noise that few repeats tell.
+    #[test]
+    fn the_interval_of_the_largest_deviation_holds() {
+        let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(7);
+        let mut draw = || -> f64 { StandardNormal.sample(&mut random) };
+        for (poses, dof) in [(20, f64::INFINITY), (300, f64::INFINITY), (20, 6.0)] {
+            let mut held = 0;
+            for _ in 0..200 {
+                let d: Vec<Vector3<f64>> =
+                    (0..poses).map(|_| Vector3::from_fn(|_, _| draw())).collect();
+                let seen = match dof < 100.0 {
+                    true => ((0..6).map(|_| draw().powi(2)).sum::<f64>() / 6.0).sqrt(),
+                    false => 1.0,
+                };
+                let worst = d.iter().map(Vector3::norm).fold(0.0, f64::max);
+                held += usize::from(worst < worst_u95(&d, seen, dof));
+            }
+            assert!(held > 182, "{poses} poses: {held} of 200");
+        }
+    }
+}
