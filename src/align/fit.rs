@@ -243,7 +243,8 @@ fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec
         }
     };
     // Sides may be rougher than the face; that they look smoother is not believed.
-    let own_mm = sides.filter(|s| s.dof >= FEW).map_or(0.0, Scatter::u95_mm);
+    let tell = |s: &Scatter| s.dof >= FEW || scatters_more(s.sd_mm, s.dof, u_mm);
+    let own_mm = sides.filter(tell).map_or(0.0, Scatter::u95_mm);
     Touch { u_mm, face_u95_mm, sides_u95_mm: face_u95_mm.max(own_mm) }
 }
 
