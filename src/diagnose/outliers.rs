@@ -244,10 +244,9 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
 fn scales(rest: &[f64], kept: impl Fn(usize) -> bool, classes: &[usize]) -> Vec<f64> {
     /// Values that tell an output's own scatter.
     const TELL: usize = 10;
-    let of = |class: Option<usize>| {
+    let of = |class: Option<usize>| -> Vec<f64> {
         let counts = |i: &usize| kept(*i) && class.is_none_or(|c| classes[*i] == c);
-        let sizes: Vec<f64> = (0..rest.len()).filter(counts).map(|i| rest[i].abs()).collect();
-        sizes
+        (0..rest.len()).filter(counts).map(|i| rest[i].abs()).collect()
     };
     let scale = |mut sizes: Vec<f64>| match sizes.is_empty() {
         true => 1.0,

@@ -5,6 +5,7 @@ use crate::find::{self, Candidate, Look};
 use crate::frame::Frame;
 use crate::measure::bands::{self, is_as_clear, is_concentric};
 use crate::measure::concentric;
+use crate::measure::dirt;
 use crate::measure::expected::{around, measure_candidate};
 use crate::measure::limits::{Limits, glow};
 use crate::measure::points::SHARP_PX;
@@ -134,7 +135,7 @@ pub(super) fn second_burn<'a>(
             && r.scatter_px < 2.0 * first.scatter_px + 2.0;
         let rivals = r.score > 0.6 * first.score && r.coverage > 0.8;
         let has_spot = || {
-            let is_dot = |c: &Candidate| spot::is_dot(&c.circle, &r.circle);
+            let is_dot = |c: &Candidate| dirt::is_dot(&c.circle, &r.circle);
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score && !is_dot(c);
             r.score > 0.2 * first.score
                 && r.coverage > 0.7

@@ -9,6 +9,7 @@ use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::annulus::{self, Flaw, HALO};
 use crate::measure::bands::is_concentric;
+use crate::measure::dirt;
 use crate::measure::limits::is_steady;
 use crate::measure::ring::Ring;
 use crate::measure::spot;
@@ -41,20 +42,27 @@ pub(super) fn measure(
         return Ok(marks);
     }
     // Beside scales, holes and scratches a burn's edges may be lost among many: once more where a ring was seen.
+    let mut found: Option<Marks> = None;
     for near in tried.lone.iter().map(|ring| ring.circle.center).take(TRIES) {
         let nearer = Scene::new(frame, view, &look, Some(near));
         let (rings, mut again) = (nearer.rings(), Tried::default());
-        if let Some(marks) = nearer.seek(&rings, &mut again, subject)?
-            && !is_dot(&marks)
-        {
-            return Ok(marks);
+        let Some(marks) = nearer.seek(&rings, &mut again, subject)?.filter(|m| !is_dot(m)) else {
+            continue;
+        };
+        match &found {
+            None => found = Some(marks),
+            Some((ring, ..)) if ring.circle.distance(marks.0.circle.center) > 0.0 => {
+                return Err(two_burns(subject, ring.center_px, marks.0.center_px));
+            }
+            Some(_) => {}
         }
     }
-    Err(tried.error(subject))
+    found.ok_or_else(|| tried.error(subject))
 }
 
+/// Whether the spot may be a chip in a hole, or dirt.
 fn is_dot((ring, spot, _): &Marks) -> bool {
-    spot::is_dot(&spot.circle, &ring.circle)
+    dirt::is_dot(&spot.circle, &ring.circle)
 }
 
 fn longer_side(frame: &Frame) -> f64 {
@@ -131,10 +139,14 @@ impl<'a> Scene<'a> {
             match self.attempt(outer, rings) {
                 Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
                 Attempt::Both(marks) => match &dotted {
-                    Some((other, _)) => return Err(two_burns(subject, other, outer)),
+                    Some((other, _)) => {
+                        return Err(two_burns(subject, other.circle.center, outer.circle.center));
+                    }
                     None => dotted = Some((outer, *marks)),
                 },
-                Attempt::SecondBurn(other) => return Err(two_burns(subject, outer, &other)),
+                Attempt::SecondBurn(other) => {
+                    return Err(two_burns(subject, outer.circle.center, other.circle.center));
+                }
                 Attempt::Surface => {}
                 Attempt::NoSpot => tried.add_lone(outer),
                 Attempt::UnclearSpot { dots } => {
@@ -182,7 +194,7 @@ impl<'a> Scene<'a> {
         let mut attempt = Attempt::Flawed(Flaw::Other);
         let mut dots = true;
         for (place, near, spots) in looks {
-            dots &= spots.iter().all(|s| spot::is_dot(&s.circle, &outer.circle));
+            dots &= spots.iter().all(|s| dirt::is_dot(&s.circle, &outer.circle));
             if spot::has_rivals(place, &spots) {
                 return Attempt::UnclearSpot { dots };
             }
@@ -336,8 +348,7 @@ fn warnings(ring: &Ring, spot: &Ring) -> Vec<String> {
     gap.into_iter().chain(clipped.into_iter().flatten()).collect()
 }
 
-fn two_burns(subject: &str, one: &Candidate, other: &Candidate) -> Error {
-    let (a, b) = (one.circle.center, other.circle.center);
+fn two_burns(subject: &str, a: Vector2<f64>, b: Vector2<f64>) -> Error {
     Error::measure(
         subject,
         format!(

@@ -6,6 +6,7 @@ pub mod burn;
 pub mod circles;
 mod concentric;
 pub mod cross;
+mod dirt;
 pub(crate) mod expected;
 mod halo;
 mod limits;

@@ -9,6 +9,7 @@ use crate::edge::wrap;
 use crate::find::{self, Candidate, Look};
 use crate::fit::Circle;
 use crate::frame::Frame;
+use crate::measure::dirt::{DOT_RADIUS, DOTS, MIDDLE, SPOTS, is_beside, is_dirt_on, is_like};
 use crate::measure::limits::{Limits, SOFT_BROKEN, glow, is_steady};
 use crate::measure::points::Search;
 use crate::measure::polygon::is_polygon;
@@ -45,8 +46,7 @@ pub(super) const WHOLE: f64 = 0.9;
 const OWN_RADIUS: f64 = 0.3;
 /// How far off the ring's centre that may be, in the ring's radii.
 const OWN_OFF: f64 = 0.03;
-/// Up to this radius, and from the distance below off the ring's centre on (in the ring's radii), what is round may be spatter or dirt.
-const DOT_RADIUS: f64 = 0.1;
+/// What is as small as a dot, and so far off the ring's centre or farther (in its radii), may be spatter or dirt.
 const DOT_OFF: f64 = 0.3;
 /// But not where it is whole and its step is such a part of the ring's, and there is no other.
 const DOT_STEP: f64 = 0.5;
@@ -83,8 +83,6 @@ const CLEARLY: f64 = 5.0;
 const OVAL: Limits = Limits { form: 0.15, ..SPOT };
 /// Of ring and spot one at least is seen to this part, the ring if the spot is large or tiny.
 pub(super) const PARTLY: f64 = 0.8;
-/// But for a clear dot so near to the ring's middle, in its radii.
-const MIDDLE: f64 = 0.15;
 /// A gap that hides both: at least this share of what is not seen of the spot looks out on a gap of the ring.
 const ONE_GAP: f64 = 0.5;
 /// How far round the ring, to either side, is looked whether it has a gap there.
@@ -172,58 +170,6 @@ pub(super) fn candidates(
         .collect();
     spots.sort_by(|a, b| rank(b).total_cmp(&rank(a)));
     spots
-}
-
-/// How much two circles beside each other are alike: score of the other, at least, and how much smaller, fainter or the other way round
-/// it may be, as parts of the one's; whether one lighter than its surroundings is like a darker one.
-struct Alike {
-    score: f64,
-    size: f64,
-    step: f64,
-    either: bool,
-}
-
-/// Marks like a spot, and dots like a dot.
-const SPOTS: Alike = Alike { score: 0.6, size: 0.75, step: 0.6, either: false };
-const DOTS: Alike = Alike { score: 0.35, size: 0.5, step: 0.4, either: true };
-
-/// Whether two circles lie beside each other.
-fn is_beside(other: &Candidate, c: &Candidate) -> bool {
-    (other.circle.center - c.circle.center).norm() > c.circle.radius + other.circle.radius
-}
-
-/// Whether a circle beside another is like it.
-fn is_like(other: &Candidate, c: &Candidate, alike: &Alike) -> bool {
-    let within = |ratio: f64, least: f64| (least..1.0 / least).contains(&ratio);
-    is_beside(other, c)
-        && other.score > alike.score * c.score
-        && within(other.circle.radius / c.circle.radius, alike.size)
-        && (alike.either || other.step * c.step > 0.0)
-        && within((other.step / c.step).abs(), alike.step)
-}
-
-/// Whether a spot is so small and far off its ring's centre that it may be a chip in a hole, or dirt.
-pub(super) fn is_dot(spot: &Circle, ring: &Circle) -> bool {
-    let apart = (spot.center - ring.center).norm();
-    spot.radius < DOT_RADIUS * ring.radius && apart > MIDDLE * ring.radius
-}
-
-/// Whether a small circle is dirt on a mark inside the ring `outer`.
-fn is_dirt_on(c: &Candidate, mark: &Candidate, outer: &Candidate) -> bool {
-    /// Radius of such a mark as a part of the ring's, at most, and in the dirt's, at least.
-    const INSIDE: f64 = 0.5;
-    const LARGER: f64 = 2.0;
-    /// Its step as a part of the ring's, at least.
-    const BURNT: f64 = 0.3;
-    /// A spot in its own halo shares its centre: so far off it in the mark's radii dirt is.
-    const OFF: f64 = 0.4;
-    let apart = (c.circle.center - mark.circle.center).norm();
-    mark.circle.radius < INSIDE * outer.circle.radius
-        && mark.circle.radius > LARGER * c.circle.radius
-        && mark.coverage > WHOLE
-        && mark.step.abs() > BURNT * outer.step.abs()
-        && apart > OFF * mark.circle.radius
-        && apart < mark.circle.radius + c.circle.radius
 }
 
 /// Whether others look like the likeliest spot: spatter, balls and strands are many, the spot is one.
