@@ -99,7 +99,9 @@ impl RodResult {
             normal += row.transpose() * weight * row;
             right += row.transpose() * weight * Vector2::from(seen.center_mm);
         }
-        let covariance = normal.try_inverse()?;
+        // Angles that are nearly one tell nothing, and leave nothing that rounding has not made.
+        let told = normal.try_inverse().filter(|c| c.diagonal().iter().all(|v| *v > 0.0));
+        let covariance = told?;
         let found = covariance * right;
         let left = |r: &RodCenter| Vector2::from(r.center_mm) - row(r.c_deg) * found;
         let count = self.rod_centers.len() as f64;
