@@ -236,3 +236,46 @@ fn a_screw_with_a_second_wave_is_named_once() {
     let (report, _) = diagnose("ballbar", &csv, Some(("--model", &written)), &[]);
     assert_eq!(report["verdict"], "consistent", "{}", report["effects"]);
 }
+
+const BAR: &str = "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 400.0\n";
+
+/// A slipped reading among few burns is no bump at its place, and no step of the last one.
+#[test]
+fn a_shape_does_not_stand_on_one_reading() {
+    let mut normal = normal(1);
+    for slipped in [0, 11, 23] {
+        let mut csv = String::from("height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n");
+        for k in 0..24 {
+            let (height, b) = ([20.0, 35.0, 47.0][k % 3], 15.0 * (k * 5 % 24) as f64 - 90.0);
+            let [dx, mut dy] = [0.001 * normal(), 0.001 * normal()];
+            if k == slipped {
+                dy += 0.06;
+            }
+            let (power, t) = (100 + 50 * (k % 4), 90 * k);
+            writeln!(csv, "{height},{power},{b},{t},{dx:.6},{dy:.6}").unwrap();
+        }
+        let (report, _) = diagnose("burn", &csv, Some(("--model", BAR)), &[]);
+        assert_eq!(report["verdict"], "consistent", "{slipped}: {}", report["unnamed"]);
+        assert_eq!(report["outliers"].as_array().unwrap().len(), 1, "{slipped}");
+    }
+}
+
+/// On the way back a ball bar repeats the way there: what both show at each place is no noise, and no name for being seen twice.
+#[test]
+fn the_way_back_repeats_the_way_there() {
+    let (there, _, _) = json::run(&["ballbar", "simulate", "--path", "zb,xb", "--steps", "60"]);
+    let rows = there["rows"].as_array().unwrap();
+    let mut normal = normal(2);
+    let left: Vec<f64> = rows.iter().map(|_| 0.006 * normal()).collect();
+    let mut csv = String::from("path,b_deg,x_mm,z_mm,dir,length_mm\n");
+    for dir in [1, -1] {
+        for (row, left) in rows.iter().zip(&left) {
+            let length = row["length_mm"].as_f64().unwrap() + left + 0.001 * normal();
+            let path = row["path"].as_str().unwrap();
+            let [b, x, z] = ["b_deg", "x_mm", "z_mm"].map(|key| &row[key]);
+            writeln!(csv, "{path},{b},{x},{z},{dir},{length:.6}").unwrap();
+        }
+    }
+    let (report, _) = diagnose("ballbar", &csv, Some(("--model", BAR)), &[]);
+    assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
+}

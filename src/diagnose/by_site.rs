@@ -3,6 +3,7 @@
 
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, beside_the_rest, remove};
+use crate::diagnose::repeats::{Spread, spreads};
 use crate::diagnose::select::Selection;
 use crate::fit::tails::ln_f_tail;
 
@@ -32,26 +33,14 @@ pub(super) fn take_back(fitter: &Fitter, selection: &mut Selection) {
 /// Of each class of values, how much sites scatter in units of the noise's variance (1 at least), and with what degrees of freedom.
 fn between_sites(fitter: &Fitter, f: &Fitted) -> Vec<(f64, f64)> {
     let layout = fitter.experiment.layout();
-    let white = fitter.whiten_residual(f, &f.noise);
-    let (top, sites) = (fitter.space.top(), layout.sites.iter().max().map_or(0, |m| m + 1));
-    let values = fitter.space.observations() as f64 - top as f64;
-    let classes = layout.classes.iter().max().map_or(0, |c| c + 1);
-    let of = |class: usize| {
-        let mut sums = vec![(0.0, 0.0); sites];
-        let mut count = 0.0;
-        for i in (0..layout.values.len()).filter(|i| layout.classes[*i] == class) {
-            if fitter.space.kept(i) {
-                let site = &mut sums[layout.sites[layout.groups[i]]];
-                *site = (site.0 + white[(top + i, 0)], site.1 + 1.0);
-                count += 1.0;
-            }
-        }
-        let seen = sums.iter().filter(|s| s.1 > 0.0);
-        let squares: f64 = seen.clone().map(|(sum, n)| sum * sum / n).sum();
-        let dof = seen.count() as f64 - f.rank as f64 * count / values;
-        ((squares / dof.max(1.0)).max(1.0), dof)
+    let parts = fitter.space.capture_parts(&fitter.whiten_residual(f, &f.noise));
+    let spreads = spreads(&layout.sites, &parts);
+    let values: f64 = spreads.iter().map(Spread::values).sum();
+    let of = |s: &Spread| {
+        let dof = s.dof_left(f.rank as f64 / values);
+        ((s.between / dof.max(1.0)).max(1.0), dof)
     };
-    (0..classes).map(of).collect()
+    spreads.iter().map(of).collect()
 }
 
 /// ln of a name's p-value against the scatter between sites, in the outputs in which it shows.

@@ -3,7 +3,7 @@
 mod again;
 mod algebra;
 mod basis;
-pub mod by_site;
+mod by_site;
 mod classes;
 pub mod data;
 mod doubts;

@@ -17,8 +17,8 @@ const LEAST_REPEATS: f64 = 6.0;
 
 /// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
 #[derive(Default)]
-struct Spread {
-    between: f64,
+pub(super) struct Spread {
+    pub between: f64,
     between_dof: f64,
     within: f64,
     within_dof: f64,
@@ -27,6 +27,16 @@ struct Spread {
 }
 
 impl Spread {
+    /// How many values it is of.
+    pub fn values(&self) -> f64 {
+        self.between_dof + self.within_dof
+    }
+
+    /// Degrees of freedom between sites once a fit has used so many for each value.
+    pub fn dof_left(&self, used_per_value: f64) -> f64 {
+        self.between_dof - used_per_value * self.values()
+    }
+
     /// By how many nats its repeats are likelier under the variance of `all` repeats than under its own between sites.
     fn likelier_than_between(&self, all: &Self) -> f64 {
         let ln_likelihood =
@@ -45,11 +55,43 @@ pub(super) fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) ->
         // In mm: an effect in one output must not pass for that output's noise.
         parts.iter_mut().flatten().for_each(|(kind, v)| *v *= f.noise.sigma_mm[*kind]);
     }
+    let spreads = spreads(&layout.sites, &parts);
+    let unlike = |a: &Spread, b: &Spread| {
+        let ratio = (a.within / a.within_dof) / (b.within / b.within_dof);
+        ln_f_tail(ratio, a.within_dof, b.within_dof) < UNLIKE_NOISE_P.ln()
+    };
+    let shared_noise =
+        layout.random.is_empty() && !spreads.iter().any(|a| spreads.iter().any(|b| unlike(a, b)));
+    let total = together(&spreads);
+    let values = total.values();
+    let tested = |between: &Spread, within: &Spread| {
+        // The model's parameters were taken from what sites have in common.
+        let parameters = if layout.random.is_empty() { f.rank as f64 } else { 0.0 };
+        let dof = between.dof_left(parameters / values);
+        let dofs = (dof * between.worth, within.within_dof * within.worth);
+        let enough = within.within_dof >= LEAST_REPEATS && dof >= 3.0 && within.within > 0.0;
+        let ratio = (between.between / dof) / (within.within / within.within_dof);
+        enough.then(|| ln_f_tail(ratio, dofs.0, dofs.1))
+    };
+    let each = spreads.iter().filter_map(|s| {
+        // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
+        let may_share = shared_noise && s.likelier_than_between(&total) > LIKELIER;
+        if may_share { tested(s, &total) } else { tested(s, s) }
+    });
+    let mut list: Vec<f64> = each.collect();
+    if shared_noise && spreads.len() > 1 {
+        list.extend(tested(&total, &total));
+    }
+    list
+}
+
+/// Sums of squares of each kind of value, from what every capture shows of it and the captures' sites.
+pub(super) fn spreads(sites: &[usize], parts: &[Vec<(usize, f64)>]) -> Vec<Spread> {
     let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
     let mut spreads: Vec<Spread> =
         (0..kinds).map(|_| Spread { worth: 1.0, ..Spread::default() }).collect();
     let mut by_site: BTreeMap<usize, Vec<&[(usize, f64)]>> = BTreeMap::new();
-    for (part, site) in parts.iter().zip(&layout.sites) {
+    for (part, site) in parts.iter().zip(sites) {
         by_site.entry(*site).or_default().push(part);
     }
     for set in by_site.values() {
@@ -65,37 +107,7 @@ pub(super) fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) ->
             spread.between_dof += 1.0;
         }
     }
-    let unlike = |a: &Spread, b: &Spread| {
-        let ratio = (a.within / a.within_dof) / (b.within / b.within_dof);
-        ln_f_tail(ratio, a.within_dof, b.within_dof) < UNLIKE_NOISE_P.ln()
-    };
-    let shared_noise =
-        layout.random.is_empty() && !spreads.iter().any(|a| spreads.iter().any(|b| unlike(a, b)));
-    let total = together(&spreads);
-    let values = total.between_dof + total.within_dof;
-    let tested = |between: &Spread, within: &Spread| {
-        // The model's parameters were taken from what sites have in common.
-        let used = if layout.random.is_empty() {
-            f.rank as f64 * (between.between_dof + between.within_dof) / values
-        } else {
-            0.0
-        };
-        let dof = between.between_dof - used;
-        let dofs = (dof * between.worth, within.within_dof * within.worth);
-        let enough = within.within_dof >= LEAST_REPEATS && dof >= 3.0 && within.within > 0.0;
-        let ratio = (between.between / dof) / (within.within / within.within_dof);
-        enough.then(|| ln_f_tail(ratio, dofs.0, dofs.1))
-    };
-    let each = spreads.iter().filter_map(|s| {
-        // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
-        let may_share = shared_noise && s.likelier_than_between(&total) > LIKELIER;
-        if may_share { tested(s, &total) } else { tested(s, s) }
-    });
-    let mut list: Vec<f64> = each.collect();
-    if shared_noise && kinds > 1 {
-        list.extend(tested(&total, &total));
-    }
-    list
+    spreads
 }
 
 /// All kinds together. Sums of squares of unlike variances vary more than their degrees of freedom say (Welch and Satterthwaite): the

@@ -99,8 +99,7 @@ pub fn verify(
 }
 
 /// Standard deviation of a component at poses that were measured more than once, and its degrees of freedom; `None` where there are too
-/// few, or where all
-/// agree to the last digit: then they were copied or read too coarsely, and tell nothing.
+/// few, or where all agree to the last digit: then they were copied or read too coarsely, and tell nothing.
 fn repeatability(rotary: &[[f64; 2]], d: &[Vector3<f64>]) -> Option<(f64, f64)> {
     let mut poses: BTreeMap<[i64; 2], Vec<Vector3<f64>>> = BTreeMap::new();
     for (r, d) in rotary.iter().zip(d) {
