@@ -42,7 +42,7 @@ pub fn diameter(
 ) -> Result<DiameterReport> {
     above_zero("--diameter-mm", known_mm, "give the known diameter in mm")?;
     let options = circles::Options { expect_mm: vec![known_mm], channel: Channel::Auto };
-    let seen = circles::measure(picture, calibration, &options, subject)?.report;
+    let seen = circles::measure(picture, &calibration.as_exact(), &options, subject)?.report;
     let Some(circle) = seen.circles.first().map(|c| &c.circle) else {
         return Err(Error::measure(subject, "shows no such circle", "check the diameter"));
     };
@@ -105,7 +105,7 @@ pub fn plane(
         Some((mark, rough)) => mark.again(&frames, &rough, &views[0]),
         None => vec![None; frames.len()],
     };
-    let places = |i: usize| Some((views[i].to_plane(sightings[i]?.pixel), positions[i]));
+    let places = |i: usize| Some((views[i].to_plane(sightings[i]?), positions[i]));
     let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
     let mut warnings: Vec<String> = (0..captures.len())
         .filter(|&i| sightings[i].is_none())

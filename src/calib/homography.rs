@@ -1,11 +1,11 @@
 //! The mapping from a camera's undistorted picture to machine mm and a mark's place, fitted to where the mark is seen.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector2};
 
 use crate::calib::plane::LEAST_POSITIONS;
 use crate::error::{Error, Result};
 use crate::fit::least_squares;
-use crate::uncertainty::k95;
+use crate::uncertainty::{K95, k95};
 
 /// H's first two rows and columns, its last row's first two, and M.
 pub(super) struct Fit {
@@ -19,6 +19,12 @@ pub(super) struct Fit {
 impl Fit {
     pub(super) fn homography(&self) -> Matrix3<f64> {
         homography(&self.p)
+    }
+
+    /// Covariance of the homography's six numbers, so large that 1.96 standard deviations are half a 95 % interval.
+    pub(super) fn homography_covariance(&self) -> Matrix6<f64> {
+        let factor = self.variance * (k95(self.dof) / K95).powi(2);
+        self.covariance.fixed_view::<6, 6>(0, 0) * factor
     }
 
     /// Value and half-width of the 95 % interval of a function of the parameters.

@@ -2,7 +2,7 @@
 //!
 //! Nothing is assumed of the mark but that it differs from what is round it. Blobs (difference of Gaussians, Lindeberg
 //! 1998) are candidates; the mark is the one that moves as the machine does, up to one scale, turn and handedness.
-//! Then its patch is registered in every picture by least squares (Lucas and Kanade 1981), brightness free. Once the mapping
+//! Then its patch is registered in every picture (Lucas and Kanade 1981), brightness free. Once the mapping
 //! is roughly known it is registered again, shaped as each picture's place in the frame shows it: tilt and distortion stretch a
 //! mark, and sharp edges that do not lie on each other leave its place free between them.
 
@@ -23,15 +23,6 @@ const STRAY: f64 = 0.03;
 
 /// Pairs of pictures, the farthest apart first, each of which is tried to tell scale and turn.
 const PAIRS: usize = 12;
-
-/// The mark in one picture.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sighting {
-    /// Its place.
-    pub pixel: Vector2<f64>,
-    /// Standard uncertainty of the registration from the pixels' noise, px.
-    pub u_px: f64,
-}
 
 /// A spot that differs from its surroundings.
 #[derive(Debug, Clone, Copy)]
@@ -67,8 +58,8 @@ pub fn find(frames: &[Frame], positions_mm: &[Vector2<f64>]) -> Option<(Mark, Si
     Some((mark, sightings))
 }
 
-/// Where a mark is in each picture: `None` for one that does not show it.
-pub type Sightings = Vec<Option<Sighting>>;
+/// Where a mark is in each picture, px: `None` for one that does not show it.
+pub type Sightings = Vec<Option<Vector2<f64>>>;
 
 impl Mark {
     /// Cuts it out of the picture where it is nearest to the middle: there it is whole and least oblique.
@@ -94,8 +85,7 @@ impl Mark {
     pub fn again(&self, frames: &[Frame], before: &Sightings, view: &View) -> Sightings {
         let k = self.factor as f64;
         let own = view.to_plane(self.pixel);
-        let places: Vec<_> = before.iter().map(|s| s.map(|s| s.pixel)).collect();
-        self.register(frames, &places, |at| {
+        self.register(frames, before, |at| {
             let here = view.to_plane(at);
             self.patch.reshaped(|d| {
                 (view.to_pixel(here + view.to_plane(self.pixel + d * k) - own) - at) / k
@@ -115,8 +105,8 @@ impl Mark {
             .map(|(frame, rough)| {
                 let rough = (*rough)?;
                 let (frame, from) = (frame.reduce(self.factor), reduced(rough, self.factor));
-                let (place, u) = shaped(rough).register(&frame, from, self.most_px)?;
-                Some(Sighting { pixel: full(place, self.factor), u_px: u * self.factor as f64 })
+                let place = shaped(rough).register(&frame, from, self.most_px)?;
+                Some(full(place, self.factor))
             })
             .collect()
     }

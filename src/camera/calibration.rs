@@ -4,10 +4,11 @@
 use std::borrow::Cow;
 use std::path::Path;
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, Matrix6, SMatrix};
 use serde::{Deserialize, Serialize};
 
-use crate::camera::View;
+use crate::camera::lens::{Lens, check_lens};
+use crate::camera::{PlaneUncertainty, View};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
 use crate::{tomlfile, units};
@@ -37,6 +38,9 @@ pub enum Mapping {
         lens: Lens,
         /// Undistorted normalised image (x, y, 1) → plane in mm.
         homography_mm: Matrix3<f64>,
+        /// Covariance of h11, h12, h21, h22, h31, h32, 1.96 standard deviations being half a 95 % interval. `None` where they
+        /// are taken as exact.
+        covariance: Option<Matrix6<f64>>,
     },
     /// A plain scale: the camera axis goes through the frame's middle and v down is -Y.
     Scale {
@@ -45,27 +49,6 @@ pub enum Mapping {
         /// Turn of the picture's u axis against machine X, counter-clockwise.
         rotation_deg: f64,
     },
-}
-
-/// Pinhole intrinsics and Brown-Conrady distortion, in OpenCV's order.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Lens {
-    /// Frame width the calibration holds for.
-    pub width_px: u32,
-    /// Frame height the calibration holds for.
-    pub height_px: u32,
-    /// Focal length along u.
-    pub fx_px: f64,
-    /// Focal length along v.
-    pub fy_px: f64,
-    /// Principal point, u.
-    pub cx_px: f64,
-    /// Principal point, v.
-    pub cy_px: f64,
-    /// k1, k2, p1, p2, k3; missing ones are zero.
-    #[serde(default)]
-    pub distortion: [f64; 5],
 }
 
 /// The laser axis seen from the camera axis.
@@ -81,76 +64,42 @@ pub struct Laser {
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
-    schema: u32,
+pub(super) struct File {
+    pub(super) schema: u32,
     #[serde(default)]
-    name: String,
+    pub(super) name: String,
     #[serde(skip_serializing_if = "Option::is_none")]
-    camera: Option<Lens>,
+    pub(super) camera: Option<Lens>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    plane: Option<Plane>,
+    pub(super) plane: Option<Plane>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    scale: Option<Scale>,
+    pub(super) scale: Option<Scale>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    laser: Option<Laser>,
+    pub(super) laser: Option<Laser>,
     #[serde(skip_serializing_if = "Option::is_none")]
-    sensor: Option<Sensor>,
+    pub(super) sensor: Option<Sensor>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Sensor {
+pub(super) struct Sensor {
     gamma: f64,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Plane {
+pub(super) struct Plane {
     homography_mm: [[f64; 3]; 3],
+    #[serde(skip_serializing_if = "Option::is_none")]
+    homography_covariance: Option<[[f64; 6]; 6]>,
 }
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Scale {
+pub(super) struct Scale {
     mm_per_px: f64,
     #[serde(default)]
     rotation_deg: f64,
-}
-
-impl Lens {
-    /// The lens of a calibration file, with or without a plane, and its sensor's gamma.
-    pub fn read(path: impl AsRef<Path>) -> Result<(Self, f64)> {
-        let path = path.as_ref();
-        let file: File = tomlfile::read(path)?;
-        let lens = file.camera.ok_or_else(|| {
-            Error::field(path, None, "camera", "is missing", "give a file with [camera]")
-        })?;
-        let gamma = check_lens(&lens)
-            .and_then(|()| checked_gamma(file.sensor))
-            .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))?;
-        Ok((lens, gamma))
-    }
-
-    /// The lens alone as the text of a calibration file, for `calib plane` to complete.
-    pub fn to_toml(&self, name: &str) -> String {
-        let file = File {
-            schema: 1,
-            name: name.to_owned(),
-            camera: Some(self.clone()),
-            plane: None,
-            scale: None,
-            laser: None,
-            sensor: None,
-        };
-        // These plain structures always serialise.
-        toml::to_string(&file).unwrap_or_default()
-    }
-
-    /// The mapping between pixels and the undistorted normalised image.
-    pub fn normalised(&self) -> View {
-        let mapping = Mapping::Pinhole { lens: self.clone(), homography_mm: Matrix3::identity() };
-        View::new(&mapping, self.width_px as usize, self.height_px as usize)
-    }
 }
 
 impl Calibration {
@@ -183,7 +132,16 @@ impl Calibration {
                         "calibrate the plane again",
                     ));
                 }
-                Mapping::Pinhole { lens, homography_mm }
+                let covariance =
+                    plane.homography_covariance.map(|rows| Matrix6::from_fn(|r, c| rows[r][c]));
+                if covariance.is_some_and(|c| PlaneUncertainty::of(&c).is_none()) {
+                    return Err((
+                        "plane.homography_covariance",
+                        "is no covariance".into(),
+                        "calibrate the plane again",
+                    ));
+                }
+                Mapping::Pinhole { lens, homography_mm, covariance }
             }
             (None, None, Some(Scale { mm_per_px, rotation_deg })) => {
                 if !(mm_per_px.is_finite() && mm_per_px > 0.0) {
@@ -230,6 +188,15 @@ impl Calibration {
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
     }
 
+    /// The same with a plane that is taken as exact: to judge the calibration itself.
+    pub fn as_exact(&self) -> Self {
+        let mut exact = self.clone();
+        if let Mapping::Pinhole { covariance, .. } = &mut exact.mapping {
+            *covariance = None;
+        }
+        exact
+    }
+
     /// A scale or plane that looks as if it were in another unit.
     pub fn doubt(&self) -> Option<String> {
         match &self.mapping {
@@ -257,9 +224,12 @@ impl Calibration {
     /// The calibration as the text of its file.
     pub fn to_toml(&self) -> String {
         let (camera, plane, scale) = match &self.mapping {
-            Mapping::Pinhole { lens, homography_mm: h } => {
-                let rows = std::array::from_fn(|r| std::array::from_fn(|c| h[(r, c)]));
-                (Some(lens.clone()), Some(Plane { homography_mm: rows }), None)
+            Mapping::Pinhole { lens, homography_mm, covariance } => {
+                let plane = Plane {
+                    homography_mm: rows(homography_mm),
+                    homography_covariance: covariance.as_ref().map(rows),
+                };
+                (Some(lens.clone()), Some(plane), None)
             }
             &Mapping::Scale { mm_per_px, rotation_deg } => {
                 (None, None, Some(Scale { mm_per_px, rotation_deg }))
@@ -317,12 +287,16 @@ impl Calibration {
     }
 }
 
+fn rows<const N: usize>(m: &SMatrix<f64, N, N>) -> [[f64; N]; N] {
+    std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
+}
+
 /// The frame of a sensor of this gamma with counts that are light.
 pub fn light(frame: Frame, gamma: f64) -> Frame {
     if gamma == 1.0 { frame } else { frame.linear(gamma) }
 }
 
-fn checked_gamma(
+pub(super) fn checked_gamma(
     sensor: Option<Sensor>,
 ) -> std::result::Result<f64, (&'static str, String, &'static str)> {
     let gamma = sensor.map_or(1.0, |s| s.gamma);
@@ -336,27 +310,6 @@ fn checked_gamma(
     ))
 }
 
-fn check_lens(lens: &Lens) -> std::result::Result<(), (&'static str, String, &'static str)> {
-    let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
-    if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
-        return Err((
-            "camera",
-            "has a number that is not finite".into(),
-            "calibrate the camera again",
-        ));
-    }
-    if let Some((name, f)) = [("camera.fx_px", lens.fx_px), ("camera.fy_px", lens.fy_px)]
-        .into_iter()
-        .find(|(_, f)| *f <= 0.0)
-    {
-        return Err((name, format!("is {f}"), "give the focal length in pixels, above zero"));
-    }
-    if lens.width_px == 0 || lens.height_px == 0 {
-        return Err(("camera.width_px", "is zero".into(), "give the frame's size in pixels"));
-    }
-    Ok(())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -366,6 +319,9 @@ mod tests {
         let text = "schema = 1\nname = 'b'\n[camera]\nwidth_px = 1600\nheight_px = 1200\nfx_px = 3520.0\nfy_px = 3520.0\n\
                     cx_px = 799.5\ncy_px = 599.5\ndistortion = [0.1, 0.0, 0.0, 0.0, 0.0]\n\
                     [plane]\nhomography_mm = [[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]\n\
+                    homography_covariance = [[1e-8, 0.0, 0.0, 0.0, 0.0, 0.0], [0.0, 1e-8, 0.0, 0.0, 0.0, 0.0], \
+                    [0.0, 0.0, 1e-8, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1e-8, 0.0, 0.0], [0.0, 0.0, 0.0, 0.0, 1e-8, 0.0], \
+                    [0.0, 0.0, 0.0, 0.0, 0.0, 1e-8]]\n\
                     [sensor]\ngamma = 2.2\n";
         let file = tomlfile::parse("c.toml", text).unwrap();
         let calibration = Calibration::from_file(file).unwrap();

@@ -3,8 +3,12 @@
 mod calibration;
 mod horizon;
 mod identity;
+mod lens;
+mod plane_uncertainty;
 mod view;
 
-pub use calibration::{Calibration, Laser, Lens, Mapping, light};
+pub use calibration::{Calibration, Laser, Mapping, light};
 pub use identity::Identity;
+pub use lens::Lens;
+pub use plane_uncertainty::PlaneUncertainty;
 pub use view::View;

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::horizon::Horizon;
-use crate::camera::{Lens, Mapping};
+use crate::camera::{Lens, Mapping, PlaneUncertainty};
 
 /// Pixel ↔ plane for frames of one size. Pixels: centre of the top-left pixel is (0, 0), v down.
 #[derive(Debug, Clone)]
@@ -12,12 +12,16 @@ pub struct View {
     horizon: Option<Horizon>,
     to_plane: Matrix3<f64>,
     to_image: Matrix3<f64>,
+    uncertainty: PlaneUncertainty,
 }
 
 impl View {
     pub(super) fn new(mapping: &Mapping, width_px: usize, height_px: usize) -> Self {
-        let (lens, to_plane) = match mapping {
-            Mapping::Pinhole { lens, homography_mm } => (lens.clone(), *homography_mm),
+        let (lens, to_plane, uncertainty) = match mapping {
+            Mapping::Pinhole { lens, homography_mm, covariance } => {
+                let uncertainty = covariance.as_ref().and_then(PlaneUncertainty::of);
+                (lens.clone(), *homography_mm, uncertainty.unwrap_or_default())
+            }
             &Mapping::Scale { mm_per_px, rotation_deg } => {
                 let lens = Lens {
                     width_px: width_px as u32,
@@ -32,12 +36,12 @@ impl View {
                 let m = mm_per_px;
                 // Plane = R(rotation) · diag(m, -m) · (u, v).
                 let h = Matrix3::new(m * c, m * s, 0.0, m * s, -m * c, 0.0, 0.0, 0.0, 1.0);
-                (lens, h)
+                (lens, h, PlaneUncertainty::default())
             }
         };
         // The calibration file's check has shown that the inverse exists.
         let to_image = to_plane.try_inverse().unwrap_or_else(Matrix3::identity);
-        Self { horizon: Horizon::of(&lens), lens, to_plane, to_image }
+        Self { horizon: Horizon::of(&lens), lens, to_plane, to_image, uncertainty }
     }
 
     /// Frame width.
@@ -92,6 +96,13 @@ impl View {
             y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
         );
         project(&self.to_plane, p + shift) - plane_mm
+    }
+
+    /// How far each of the plane's independent errors, each as large as one standard deviation, moves a place in the plane.
+    pub fn plane_errors_mm(&self, plane_mm: Vector2<f64>) -> impl Iterator<Item = Vector2<f64>> {
+        let ideal = project(&self.to_image, plane_mm);
+        let w = (self.to_plane * Vector3::new(ideal.x, ideal.y, 1.0)).z;
+        self.uncertainty.moves_mm(ideal, w, plane_mm)
     }
 
     /// From the lens to the plane along its axis, mm: the size in the plane of an angle seen through a lens whose focal length is known.
@@ -202,7 +213,7 @@ mod tests {
             distortion: [-0.12, 0.3, 1e-3, -8e-4, 0.2],
         };
         let homography_mm = Matrix3::new(30.0, 0.5, 0.1, 0.4, -30.0, -0.2, 0.01, 0.02, 1.0);
-        View::new(&Mapping::Pinhole { lens, homography_mm }, 1600, 1200)
+        View::new(&Mapping::Pinhole { lens, homography_mm, covariance: None }, 1600, 1200)
     }
 
     #[test]

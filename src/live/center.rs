@@ -13,6 +13,7 @@ use crate::error::{Error, Result, above_zero};
 use crate::frame::Frame;
 use crate::live::track::Tracker;
 use crate::live::{Event, Feed, Shot, Stats};
+use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
 use crate::uncertainty::{K95, Verdict, distance, k95};
 
@@ -167,7 +168,7 @@ pub fn run(
         if average.add(&ring, 0.25 * view.pixel_mm()) {
             tell(News::Moved)?;
         }
-        let mut report = average.report(&ring, calibration, options);
+        let mut report = average.report(&ring, view, calibration, options);
         report.count(seen, failed, feed.stats());
         report.frames_per_s = (seen - 1) as f64 / first.elapsed().as_secs_f64().max(1e-9);
         tell(News::Seen(&report, &frame, view, &ring))?;
@@ -281,9 +282,18 @@ impl Average {
         })
     }
 
-    fn report(&self, ring: &Ring, calibration: &Calibration, options: &Options) -> Report {
-        let u95 = self.u95();
-        let covariance = nalgebra::Matrix2::from_diagonal(&u95.map(|u| (u / K95).powi(2)));
+    fn report(
+        &self,
+        ring: &Ring,
+        view: &View,
+        calibration: &Calibration,
+        options: &Options,
+    ) -> Report {
+        // The plane's errors are the same in all frames.
+        let plane = PlaneErrors::of(view, ring).center_covariance(f64::INFINITY);
+        let own = nalgebra::Matrix2::from_diagonal(&self.u95().map(|u| (u / K95).powi(2)));
+        let covariance = own + plane;
+        let u95 = covariance.diagonal().map(|v| K95 * v.sqrt());
         let (distance_mm, distance_u95_mm) = distance(self.mean, covariance, f64::INFINITY);
         let good = self.n >= LEAST_FRAMES && u95.max() <= options.u95_mm;
         let verdict = match (good, options.tolerance_mm) {

@@ -3,11 +3,12 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Calibration;
+use crate::camera::{Calibration, View};
 use crate::error::{Error, Result, above_zero};
 use crate::frame::{Channel, Picture};
 use crate::measure::marks;
 use crate::measure::offset::Offset;
+use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel};
 use crate::uncertainty::{Contribution, K95, budget, k95};
@@ -114,7 +115,7 @@ pub fn measure(
             options.near_mm,
             subject,
         )?;
-        Ok(report(ring, spot, options, channel, warnings))
+        Ok(report(ring, spot, &view, options, channel, warnings))
     };
     let spread = |m: &Measured| {
         let [x, y] = m.report.offset.offset_u95_mm;
@@ -165,24 +166,31 @@ pub fn check(options: &Options) -> Result<()> {
 fn report(
     ring: Ring,
     spot: Ring,
+    view: &View,
     options: &Options,
     channel: Channel,
     warnings: Vec<String>,
 ) -> Measured {
     let (ring, spot) = (ring.soft_by_itself(), spot.soft_by_itself());
     let apart: Vector2<f64> = spot.circle.center - ring.circle.center;
-    let covariance: Matrix2<f64> = ring.center_covariance() + spot.center_covariance();
     let dof = ring.dof.min(spot.dof);
+    let planes = [&ring, &spot].map(|circle| PlaneErrors::of(view, circle));
+    let plane = planes[1].seen_from(&planes[0]).center_covariance(dof);
+    let covariance: Matrix2<f64> = ring.center_covariance() + spot.center_covariance() + plane;
     let report = Report {
-        ring: CircleReport::of(&ring),
-        spot: CircleReport::of(&spot),
+        ring: CircleReport::of(&ring, &planes[0]),
+        spot: CircleReport::of(&spot, &planes[1]),
         offset: Offset::judge(apart, covariance, dof, options),
         budget: {
             // Along the offset, which is the way that counts for the distance.
             let along = apart.try_normalize(0.0).unwrap_or_else(Vector2::x);
             let part = |c: Matrix2<f64>| k95(dof) / K95 * along.dot(&(c * along)).max(0.0).sqrt();
-            let (ring, spot) = (part(ring.center_covariance()), part(spot.center_covariance()));
-            budget("distance_mm", [("edge of the ring", ring), ("edge of the spot", spot)])
+            let parts = [
+                ("edge of the ring", part(ring.center_covariance())),
+                ("edge of the spot", part(spot.center_covariance())),
+                ("calibration", part(plane)),
+            ];
+            budget("distance_mm", parts)
         },
         channel,
         warnings,

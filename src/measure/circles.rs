@@ -7,6 +7,7 @@ use crate::camera::{Calibration, View};
 use crate::error::{Error, Result, above_zero};
 use crate::find;
 use crate::frame::{Channel, Frame, Picture};
+use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel, expected};
 use crate::uncertainty::distance;
@@ -130,6 +131,7 @@ fn in_frame(
     let look = find::look(frame);
     let mut rings = Vec::new();
     let mut circles = Vec::new();
+    let mut planes = Vec::new();
     let mut warnings = Vec::new();
     for &expect_mm in &options.expect_mm {
         let radius_px = 0.5 * expect_mm / view.pixel_mm();
@@ -194,21 +196,24 @@ fn in_frame(
             ));
         }
         warnings.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
-        circles.push(Expected { expect_mm, circle: CircleReport::of(&ring) });
+        let plane = PlaneErrors::of(view, &ring);
+        circles.push(Expected { expect_mm, circle: CircleReport::of(&ring, &plane) });
+        planes.push(plane);
         rings.push(ring);
     }
-    let pairs = pairs(&rings);
+    let pairs = pairs(&rings, &planes);
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
 }
 
-fn pairs(rings: &[Ring]) -> Vec<Pair> {
+fn pairs(rings: &[Ring], planes: &[PlaneErrors]) -> Vec<Pair> {
     let mut list = Vec::new();
     for b in 1..rings.len() {
         for a in 0..b {
             let offset: Vector2<f64> = rings[b].circle.center - rings[a].circle.center;
-            let covariance = rings[a].center_covariance() + rings[b].center_covariance();
-            let (distance_mm, distance_u95_mm) =
-                distance(offset, covariance, rings[a].dof.min(rings[b].dof));
+            let dof = rings[a].dof.min(rings[b].dof);
+            let plane = planes[b].seen_from(&planes[a]).center_covariance(dof);
+            let covariance = rings[a].center_covariance() + rings[b].center_covariance() + plane;
+            let (distance_mm, distance_u95_mm) = distance(offset, covariance, dof);
             list.push(Pair {
                 a,
                 b,

@@ -12,6 +12,7 @@ mod halo;
 mod limits;
 mod marks;
 pub mod offset;
+pub(crate) mod plane_errors;
 pub mod points;
 mod polygon;
 pub mod ring;
@@ -24,6 +25,7 @@ use serde::Serialize;
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
 use crate::uncertainty::k95;
+use plane_errors::PlaneErrors;
 use ring::Ring;
 
 /// A measured circle as every output shows it.
@@ -48,10 +50,11 @@ pub struct CircleReport {
 }
 
 impl CircleReport {
-    /// The report of a measured ring.
-    pub fn of(ring: &Ring) -> Self {
+    /// The report of a measured ring in a plane known as surely as that.
+    pub(crate) fn of(ring: &Ring, plane: &PlaneErrors) -> Self {
         let k = k95(ring.dof);
-        let u = |i: usize| k * ring.covariance[(i, i)].max(0.0).sqrt();
+        let covariance = ring.covariance + plane.covariance(ring.dof);
+        let u = |i: usize| k * covariance[(i, i)].max(0.0).sqrt();
         Self {
             center_mm: ring.circle.center.into(),
             center_px: ring.center_px.into(),

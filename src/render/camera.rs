@@ -141,6 +141,7 @@ impl Optics {
         let mapping = Mapping::Pinhole {
             lens,
             homography_mm: plane_homography(pixel_mm * focal_px, tilt, roll),
+            covariance: None,
         };
         let calibration = Calibration {
             name: "rendered camera (true values)".into(),

@@ -141,7 +141,7 @@ fn section(command: &str, result: &Value, advised: bool) -> (String, bool) {
     }
     let budgets = numbers::budgets(result);
     if !budgets.is_empty() {
-        text += "<h2>Uncertainty budget</h2>\n<p>What contributes how much to the variance of each value. The calibration is taken as exact: pivotsight calib check tells how well it holds.</p>\n";
+        text += "<h2>Uncertainty budget</h2>\n<p>What contributes how much to the variance of each value. Where no calibration is named, its file does not say how surely it is known, and it is taken as exact: pivotsight calib check tells how well it holds.</p>\n";
     }
     for budget in budgets {
         let head = [budget.of.as_str(), "Standard uncertainty", "Share"];

@@ -4,7 +4,6 @@ use nalgebra::{DVector, Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::calib::homography::{Fit, homography, map};
-use crate::calib::mark::Sighting;
 use crate::calib::unseen_lens::{corners_px, unseen_lens};
 use crate::camera::{Lens, View};
 use crate::measure::rod::Capture;
@@ -81,7 +80,7 @@ pub struct Report {
 /// Of the captures that were `used`.
 pub(super) fn report(
     captures: &[Capture],
-    sightings: &[Option<Sighting>],
+    sightings: &[Option<Vector2<f64>>],
     used: &[usize],
     fit: &Fit,
     lens: &Lens,
@@ -123,12 +122,7 @@ pub(super) fn report(
         .filter_map(|r| r.residual_mm)
         .map(|[x, y]| x * x + y * y)
         .sum();
-    let mut field_u95_mm = corners_px(lens)
-        .into_iter()
-        .map(|px| normal.to_plane(px))
-        .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
-        .map(|[x, y]| x.hypot(y))
-        .fold(0.0, f64::max);
+    let mut field_u95_mm = field_u95_mm(fit, lens);
     let residual_rms_mm = (squares / used.len() as f64).sqrt();
     if residual_rms_mm > mm_per_px {
         warnings.push(format!(
@@ -144,8 +138,7 @@ pub(super) fn report(
     }
     warnings.extend(spread(sightings, used, lens));
     if !known_lens {
-        let places =
-            used.iter().filter_map(|&i| Some((sightings[i]?.pixel, captures[i].position_mm)));
+        let places = used.iter().filter_map(|&i| Some((sightings[i]?, captures[i].position_mm)));
         let (u95, warning) = without_lens(lens, &places.collect::<Vec<_>>(), fit, field_u95_mm);
         field_u95_mm = u95;
         warnings.push(warning);
@@ -171,10 +164,21 @@ pub(super) fn report(
     }
 }
 
+/// Largest half-width of the 95 % interval of a corner, as far as the fit tells it.
+pub(super) fn field_u95_mm(fit: &Fit, lens: &Lens) -> f64 {
+    let normal = lens.normalised();
+    corners_px(lens)
+        .into_iter()
+        .map(|px| normal.to_plane(px))
+        .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
+        .map(|[x, y]| x.hypot(y))
+        .fold(0.0, f64::max)
+}
+
 /// What each capture says of the fit.
 fn capture_reports(
     captures: &[Capture],
-    sightings: &[Option<Sighting>],
+    sightings: &[Option<Vector2<f64>>],
     used: &[usize],
     fit: &Fit,
     normal: &View,
@@ -184,9 +188,9 @@ fn capture_reports(
         image: c.image.clone(),
         x_mm: c.position_mm.x,
         y_mm: c.position_mm.y,
-        mark_px: sightings[i].map(|s| s.pixel.into()),
+        mark_px: sightings[i].map(Into::into),
         residual_mm: sightings[i]
-            .map(|s| (map(&fit.p, normal.to_plane(s.pixel)) + c.position_mm - mark).into()),
+            .map(|s| (map(&fit.p, normal.to_plane(s)) + c.position_mm - mark).into()),
         used: used.contains(&i),
     };
     captures.iter().enumerate().map(of).collect()
@@ -264,8 +268,8 @@ fn reading(orientation: Orientation, j: &Matrix2<f64>) -> Vec<String> {
 }
 
 /// Says so where the mark was seen in a small part of the frame only.
-fn spread(sightings: &[Option<Sighting>], used: &[usize], lens: &Lens) -> Option<String> {
-    let places = || used.iter().filter_map(|&i| sightings[i]).map(|s| s.pixel);
+fn spread(sightings: &[Option<Vector2<f64>>], used: &[usize], lens: &Lens) -> Option<String> {
+    let places = || used.iter().filter_map(|&i| sightings[i]);
     let low = places().fold(Vector2::repeat(f64::INFINITY), |m, p| m.inf(&p));
     let high = places().fold(Vector2::repeat(f64::NEG_INFINITY), |m, p| m.sup(&p));
     let share = (high - low)

@@ -21,6 +21,8 @@ pub(super) struct Sources<'f> {
     pub rim_mm: f64,
     /// Standard uncertainty, each axis, of what the light's slope does to all centres.
     pub light_mm: f64,
+    /// How far each of the plane's independent errors moves the fit's coefficients, a column each.
+    pub plane: &'f DMatrix<f64>,
     /// Standard uncertainty, each axis, of what turning lines out of centre do.
     pub lines_mm: f64,
 }
@@ -40,6 +42,10 @@ impl Sources<'_> {
             axis.push((source.clone(), (0.5 * (part[0] + part[1])).max(0.0).sqrt()));
             diameter.push((source, 2.0 * part[2].max(0.0).sqrt()));
         }
+        let by_plane = &self.gain * self.plane;
+        let plane = |row: usize| by_plane.row(row).norm_squared();
+        axis.push(("calibration".to_owned(), (0.5 * (plane(0) + plane(1))).sqrt()));
+        diameter.push(("calibration".to_owned(), 2.0 * plane(2).sqrt()));
         axis.push(("light's slope".to_owned(), self.light_mm));
         axis.push(("turning lines".to_owned(), self.lines_mm));
         diameter.push(("the rim's profile".to_owned(), 2.0 * (1.0 - nominal_weight) * self.rim_mm));

@@ -24,17 +24,18 @@ pub(super) fn finish(
     options: &Options,
     c_deg: &[f64],
     angle_of: &[usize],
-    Followed { arcs, robust, shift, bow }: &Followed,
+    Followed { arcs, robust, shift, bow, view }: &Followed,
 ) -> Result<Measured> {
     let angles = c_deg.len();
     let is_nominal = |radius: f64| options.is_nominal(2.0 * radius);
-    let refined = joint::refine(arcs, angles, robust, bow, is_nominal).ok_or_else(|| {
-        Error::measure(
-            "captures",
-            "the arcs do not determine a circle",
-            "take captures all round the rim",
-        )
-    })?;
+    let refined =
+        joint::refine(arcs, angles, robust, (bow, view), is_nominal).ok_or_else(|| {
+            Error::measure(
+                "captures",
+                "the arcs do not determine a circle",
+                "take captures all round the rim",
+            )
+        })?;
     let fit = &refined.fit;
     let mut warnings = Vec::new();
     let blur_mm = mean(arcs, blurred_radius);
@@ -93,6 +94,7 @@ pub(super) fn finish(
         rim_mm,
         light_mm: (0.5 * shift.covariance.trace()).sqrt(),
         lines_mm: off_mm,
+        plane: &refined.by_plane,
     };
     let budget = sources.budget(axis_u95, diameter_u95_mm);
     let seen = captures.iter().zip(angle_of);

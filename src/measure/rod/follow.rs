@@ -13,7 +13,7 @@ use crate::frame::Frame;
 use crate::measure::points::{CLOSE, GLANCE, Search, edge_points};
 
 /// A rim in all captures.
-pub(super) struct Followed {
+pub(super) struct Followed<'f> {
     /// Its edge in each capture that shows it.
     pub arcs: Vec<Arc>,
     /// The common circle.
@@ -22,15 +22,17 @@ pub(super) struct Followed {
     pub shift: Shift,
     /// How far light that fades towards the corners bends it.
     pub bow: Bow,
+    /// What all captures are seen through.
+    pub view: &'f View,
 }
 
 /// Follows a rim through all captures: edge points and the joint circle in turn.
-pub(super) fn follow(
+pub(super) fn follow<'f>(
     captures: &[Capture],
-    frames: &[(Frame, View)],
+    frames: &'f [(Frame, View)],
     rim: &Found,
     angle_of: &[usize],
-) -> Result<Followed> {
+) -> Result<Followed<'f>> {
     let mut guess = Joint {
         centers: rim.centers.clone(),
         radius: rim.radius_mm,
@@ -86,7 +88,7 @@ pub(super) fn follow(
             )
         })?;
     }
-    let shift = light.map(|light| light.shift(&arcs, &frames[0].1)).unwrap_or_default();
-    let bow = Bow::of(&frames[0].1);
-    Ok(Followed { arcs, robust: guess, shift, bow })
+    let view = &frames[0].1;
+    let shift = light.map(|light| light.shift(&arcs, view)).unwrap_or_default();
+    Ok(Followed { arcs, robust: guess, shift, bow: Bow::of(view), view })
 }

@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector2};
 
 use super::agreement;
 use super::light::Bow;
+use crate::camera::View;
 use crate::fit::Circle;
 use crate::fit::circle::tukey;
 use crate::fit::correlated::{self, Fit, Rows};
@@ -192,6 +193,8 @@ pub(super) struct Refined {
     pub misses_mm: f64,
     /// The same with every capture where it seems to be.
     pub form_mm: f64,
+    /// How far each of the plane's independent errors moves the coefficients, a column each.
+    pub by_plane: DMatrix<f64>,
     /// By what part the pictures seem enlarged, where the arcs bend otherwise than their places say.
     pub enlarged: Option<f64>,
 }
@@ -209,13 +212,14 @@ pub(super) fn refine(
     arcs: &[Arc],
     angles: usize,
     joint: &Joint,
-    bow: &Bow,
+    (bow, view): (&Bow, &View),
     is_nominal: impl Fn(f64) -> bool,
 ) -> Option<Refined> {
     let mut design = Vec::new();
     let (mut y, mut variance, mut place, mut group) =
         (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut displacement, mut bent, mut outwards) = (Vec::new(), Vec::new(), Vec::new());
+    let mut plane = Vec::new();
     for (k, arc) in arcs.iter().enumerate() {
         let rows = group_rows(&arc.points, &joint.weights[k], joint.put(arc), GROUPS_PER_ARC);
         for i in 0..rows.y.len() {
@@ -231,11 +235,13 @@ pub(super) fn refine(
             let out = Vector2::new(rows.design[(i, 0)], rows.design[(i, 1)]);
             bent.push(bow.moves_mm(rows.place[i], out, arc.points.located.step.softness_px));
             outwards.push(bow.outwards_mm(rows.place[i], out));
+            plane.extend(view.plane_errors_mm(rows.place[i]).map(|moved| moved.dot(&out)));
             displacement.push(out);
         }
     }
+    let count = y.len();
     let rows = Rows {
-        design: DMatrix::from_row_slice(y.len(), 2 * angles + 1, &design),
+        design: DMatrix::from_row_slice(count, 2 * angles + 1, &design),
         y: DVector::from_vec(y),
         variance,
         place,
@@ -263,11 +269,15 @@ pub(super) fn refine(
     }
     let bent = &fit.influence * DVector::from_vec(bent);
     fit.covariance += &bent * bent.transpose();
+    let plane = DMatrix::from_row_slice(count, plane.len() / count, &plane);
+    let by_plane = &fit.influence * plane;
+    fit.covariance += &by_plane * by_plane.transpose();
     Some(Refined {
         misses_mm: rms(&fit.residuals),
         form_mm: rms(&(&fit.residuals - &fit.moved)),
         fit,
         groups: group,
+        by_plane,
         enlarged,
     })
 }

@@ -1,0 +1,96 @@
+//! The lens: a pinhole with Brown-Conrady distortion, in OpenCV's order of the numbers.
+
+use std::path::Path;
+
+use nalgebra::Matrix3;
+use serde::{Deserialize, Serialize};
+
+use super::calibration::{File, checked_gamma};
+use crate::camera::{Mapping, View};
+use crate::error::{Error, Result};
+use crate::tomlfile;
+
+/// Pinhole intrinsics and Brown-Conrady distortion, in OpenCV's order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Lens {
+    /// Frame width the calibration holds for.
+    pub width_px: u32,
+    /// Frame height the calibration holds for.
+    pub height_px: u32,
+    /// Focal length along u.
+    pub fx_px: f64,
+    /// Focal length along v.
+    pub fy_px: f64,
+    /// Principal point, u.
+    pub cx_px: f64,
+    /// Principal point, v.
+    pub cy_px: f64,
+    /// k1, k2, p1, p2, k3; missing ones are zero.
+    #[serde(default)]
+    pub distortion: [f64; 5],
+}
+
+impl Lens {
+    /// The lens of a calibration file, with or without a plane, and its sensor's gamma.
+    pub fn read(path: impl AsRef<Path>) -> Result<(Self, f64)> {
+        let path = path.as_ref();
+        let file: File = tomlfile::read(path)?;
+        let lens = file.camera.ok_or_else(|| {
+            Error::field(path, None, "camera", "is missing", "give a file with [camera]")
+        })?;
+        let gamma = check_lens(&lens)
+            .and_then(|()| checked_gamma(file.sensor))
+            .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))?;
+        Ok((lens, gamma))
+    }
+
+    /// The lens alone as the text of a calibration file, for `calib plane` to complete.
+    pub fn to_toml(&self, name: &str) -> String {
+        let file = File {
+            schema: 1,
+            name: name.to_owned(),
+            camera: Some(self.clone()),
+            plane: None,
+            scale: None,
+            laser: None,
+            sensor: None,
+        };
+        // These plain structures always serialise.
+        toml::to_string(&file).unwrap_or_default()
+    }
+
+    /// The mapping between pixels and the undistorted normalised image.
+    pub fn normalised(&self) -> View {
+        let mapping = Mapping::Pinhole {
+            lens: self.clone(),
+            homography_mm: Matrix3::identity(),
+            covariance: None,
+        };
+        View::new(&mapping, self.width_px as usize, self.height_px as usize)
+    }
+}
+
+/// What no lens can have: the field, what is wrong with it and what to do.
+pub(super) fn check_lens(
+    lens: &Lens,
+) -> std::result::Result<(), (&'static str, String, &'static str)> {
+    let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
+    if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
+        return Err((
+            "camera",
+            "has a number that is not finite".into(),
+            "calibrate the camera again",
+        ));
+    }
+    if let Some((name, f)) = [("camera.fx_px", lens.fx_px), ("camera.fy_px", lens.fy_px)]
+        .into_iter()
+        .find(|(_, f)| *f <= 0.0)
+    {
+        return Err((name, format!("is {f}"), "give the focal length in pixels, above zero"));
+    }
+    if lens.width_px == 0 || lens.height_px == 0 {
+        return Err(("camera.width_px", "is zero".into(), "give the frame's size in pixels"));
+    }
+    Ok(())
+}
