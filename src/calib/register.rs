@@ -73,9 +73,14 @@ impl Patch {
             let (mut sums, mut products) = ([0.0; 2], [0.0; 3]);
             for &Point { offset: d, value: t, smooth, slope: own } in &self.points {
                 let Some((value, slope)) = cubic(image, place + d) else { continue };
-                let weight = Vector6::new(own.x, own.y, -smooth, -1.0, -d.x, -d.y);
-                change += weight * Vector6::new(slope.x, slope.y, -t, -1.0, -d.x, -d.y).transpose();
-                left += weight * (value - gain * t - offset - slant.dot(&d));
+                // Light is a factor: it makes the mark's own contrast slope, too.
+                let light = 1.0 + slant.dot(&d);
+                let even = gain * t + offset;
+                let (by_x, by_y) = (-d.x * even, -d.y * even);
+                let weight = Vector6::new(own.x, own.y, -smooth, -1.0, by_x, by_y);
+                change += weight
+                    * Vector6::new(slope.x, slope.y, -t * light, -light, by_x, by_y).transpose();
+                left += weight * (value - even * light);
                 n += 1.0;
                 sums = [sums[0] + t, sums[1] + value];
                 products =
