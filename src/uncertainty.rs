@@ -37,7 +37,7 @@ pub fn scatters_more(seen: f64, dof: f64, told: f64) -> bool {
 }
 
 /// Last digits that lengths in mm may have been rounded to. Coarser ones are of round numbers, not of a probe or an indicator.
-const COARSE_STEPS_MM: [f64; 3] = [0.01, 0.001, 0.0001];
+const COARSE_STEPS_MM: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
 
 /// Standard uncertainty of lengths by their last digit alone, mm: readings that agree to it tell no more.
 pub fn rounding_mm(readings: &[f64]) -> f64 {

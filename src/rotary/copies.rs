@@ -39,7 +39,7 @@ fn by_chance(run: usize, runs: &[Run]) -> bool {
 /// runs are alike the indicator may be too coarse to tell them apart: they stay, and the noise says so.
 pub fn runs_once(table: &Table) -> (Vec<usize>, Vec<String>) {
     let mut runs: Vec<Run> = Vec::new();
-    let mut times = BTreeMap::new();
+    let (mut times, mut index) = (BTreeMap::new(), BTreeMap::new());
     for row in 0..table.rows() {
         let run = table.text(row, "run").to_owned();
         let (mut place, mut reading) = (Vec::new(), String::new());
@@ -53,8 +53,8 @@ pub fn runs_once(table: &Table) -> (Vec<usize>, Vec<String>) {
         let nth = times.entry((run.clone(), place.clone())).or_insert(0);
         *nth += 1;
         let label = (run, *nth);
-        let at = runs.iter().position(|r| r.0 == label).unwrap_or_else(|| {
-            runs.push((label, Readings::new(), Vec::new()));
+        let at = *index.entry(label).or_insert_with_key(|label| {
+            runs.push((label.clone(), Readings::new(), Vec::new()));
             runs.len() - 1
         });
         runs[at].1.insert(place, reading);

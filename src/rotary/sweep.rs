@@ -312,7 +312,8 @@ fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
         })
         .sum();
     let dof = if split { free } else { repeats } as f64;
-    let variance = sum / dof;
+    // Alike readings differ by how their binary fractions round.
+    let variance = if sum > NOTHING_MM2 { sum / dof } else { 0.0 };
     let (mut run_variance, mut between_mm) = (0.0, 0.0);
     if split {
         let places = readings.len() as f64 / used as f64;
@@ -332,6 +333,9 @@ fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
         is_doubted: false,
     }
 }
+
+/// Less than this is no scatter, mm².
+const NOTHING_MM2: f64 = 1e-20;
 
 /// Noise from second differences along each direction: var(a - 2b + c) = 6 σ².
 fn roughness(groups: &[Group]) -> Noise {
