@@ -25,9 +25,12 @@ pub struct Args {
     /// The camera's calibration file
     #[arg(long, value_name = "FILE")]
     calib: PathBuf,
-    /// The rod's nominal diameter, known to 0.02 mm
+    /// The rod's nominal diameter
     #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
+    /// Standard uncertainty of that diameter: half the certificate's U where there is one
+    #[arg(long, value_name = "U", requires = "diameter_mm", default_value_t = Options::default().diameter_u_mm)]
+    diameter_u_mm: f64,
     /// Sense in which a positive C turns the table (c_sense of the machine file)
     #[arg(long, value_name = "1|-1", default_value_t = 1.0)]
     c_sense: f64,
@@ -64,6 +67,7 @@ pub struct Output<'r> {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let options = Options {
         diameter_mm: args.diameter_mm,
+        diameter_u_mm: args.diameter_u_mm,
         c_sense: args.c_sense,
         channel: args.channel,
         ..Options::default()

@@ -4,6 +4,7 @@ use nalgebra::{Rotation2, Vector2};
 
 use super::axis::Axis;
 use super::joint::{Arc, Joint, Refined};
+use super::report::LEAST_U_MM;
 use super::{Capture, CaptureReport, EdgePoint, Options, Report};
 use crate::error::{Error, Result};
 use crate::fit::robust::scatter;
@@ -167,7 +168,7 @@ pub(super) fn places_and_form(
     if 1.0 - refined.fit.displaced < IN_PLACE && scatter_mm > SCATTER_MM {
         warnings.push(format!(
             "the captures disagree as if the machine's positions scattered by {scatter_mm:.4} mm (standard deviation): \
-             backlash, drift, an angle or the lens may be the cause (`diagnose rod` tells which); the uncertainties \
+             backlash, drift, an angle, the calibration or the lens may be the cause (`diagnose rod` tells which); the uncertainties \
              take it for chance"
         ));
     }
@@ -290,7 +291,7 @@ pub(super) fn arcs_seen(
         / SECTORS as f64;
     if gap > 240.0 && options.diameter_mm.is_none() {
         warnings.push(format!(
-            "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm or more captures",
+            "the arcs span {:.0}° of the rim: on a short arc a free radius costs much accuracy; give --diameter-mm, with --diameter-u-mm where a certificate says it better than to 0.02 mm, or more captures",
             360.0 - gap
         ));
     }
@@ -301,7 +302,7 @@ pub(super) fn fainter_rim(fainter_mm: Option<f64>, options: &Options, report: &m
     let Some(radius_mm) = fainter_mm else { return };
     let outer_mm = 2.0 * radius_mm;
     let off_mm = options.diameter_mm.map(|nominal_mm| (report.diameter_mm - nominal_mm).abs());
-    if off_mm.is_some_and(|off_mm| off_mm < 0.5 * options.diameter_u_mm) {
+    if off_mm.is_some_and(|off_mm| off_mm < 0.5 * options.diameter_u_mm.max(LEAST_U_MM)) {
         return;
     }
     report.warnings.push(match options.diameter_mm {

@@ -95,7 +95,7 @@ pub fn measure(
 
 /// Refuses options that no rod can have.
 pub fn check(options: &Options) -> Result<()> {
-    above_zero("diameter_u_mm", options.diameter_u_mm, "give a standard uncertainty in mm")?;
+    above_zero("--diameter-u-mm", options.diameter_u_mm, "give a standard uncertainty in mm")?;
     if let Some(d) = options.diameter_mm {
         above_zero("--diameter-mm", d, "give the rod's diameter in mm")?;
     }

@@ -48,6 +48,7 @@ pub(super) const NAMED_WITHIN: f64 = 0.01;
 const FAINTER: f32 = 0.45;
 
 /// The rod's circle as it was found.
+#[derive(Clone)]
 pub(super) struct Found {
     /// Its centre at each table angle, machine coordinates.
     pub centers: Vec<Vector2<f64>>,
@@ -70,17 +71,13 @@ impl Found {
     pub(super) fn common_rim(&self) -> Option<Self> {
         let radius_mm = self.fainter_mm.filter(|_| self.is_common)?;
         let inside = Some(self.radius_mm);
-        let centers = self.centers.clone();
-        let (inner_mm, stronger_mm) = (inside, inside);
-        let without = self.without;
         Some(Self {
-            centers,
             radius_mm,
-            inner_mm,
+            inner_mm: inside,
             fainter_mm: None,
             is_common: false,
-            stronger_mm,
-            without,
+            stronger_mm: inside,
+            ..self.clone()
         })
     }
 }
@@ -146,15 +143,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     if most < LEAST * sights.len() as f32 {
         return None;
     }
-    let peaks_above = |share: f32| -> Vec<usize> {
-        let high = |b: &usize| {
-            let b = *b;
-            support[b] >= share * most
-                && support[b] >= support[b - 1]
-                && support[b] > support[b + 1]
-        };
-        (1..support.len() - 1).filter(high).collect()
-    };
+    let peaks_above = |share: f32| peaks(&support, share * most);
     let peaks = peaks_above(SUPPORTED);
     let radius_mm = |b: usize| about.radius + (b as f64 + 0.5) * bin_mm - inside_mm;
     let named = nominal_mm.and_then(|d| {
@@ -168,12 +157,6 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
     let outer = named.or(peaks.last().copied())?;
     let gap = (CHAMFER_MM / bin_mm).ceil() as usize;
     let inner = peaks.iter().copied().rfind(|&b| b + gap <= outer);
-    let share = if named.is_some() { SUPPORTED } else { FAINTER };
-    let fainter = peaks_above(share).into_iter().rfind(|&b| b >= outer + gap);
-    // A nominal diameter says which edge is meant.
-    let open = nominal_mm.is_none();
-    let common = if open { all.common_step(shift, outer) } else { None };
-    let stronger = if open { all.stronger_inside(shift, outer, gap) } else { None };
     let edges: Vec<usize> = std::iter::once(outer).chain(inner).collect();
     let angles = seen.angle_of.iter().max()? + 1;
     let centers = (0..angles).map(|a| {
@@ -183,8 +166,19 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         let search = Search { bin_mm, sights: own };
         about.center + if alone { shift } else { search.recentre(shift, &edges) }
     });
+    let centers: Vec<Vector2<f64>> = centers.collect();
+    // About one centre an eccentric rod's own rim lies farther out at some angles, and nearer in at others.
+    let own = |sight: &Sight| centers[sight.angle] - about.center;
+    let support = all.support(own, true);
+    let share = if named.is_some() { SUPPORTED } else { FAINTER };
+    let least = share * support.iter().copied().fold(0.0, f32::max);
+    let fainter = self::peaks(&support, least).into_iter().rfind(|&b| b >= outer + gap);
+    // A nominal diameter says which edge is meant.
+    let open = nominal_mm.is_none();
+    let common = if open { all.common_step(own, outer) } else { None };
+    let stronger = if open { all.stronger_inside(own, outer, gap) } else { None };
     Some(Found {
-        centers: centers.collect(),
+        centers,
         radius_mm: radius_mm(outer),
         inner_mm: inner.map(radius_mm),
         fainter_mm: common.or(fainter).map(radius_mm),
@@ -274,7 +268,7 @@ impl Search<'_> {
     }
 
     /// A step outside the bin `outer` that most captures have, however faint each: a table's texture has its own in each.
-    fn common_step(&self, shift: Vector2<f64>, outer: usize) -> Option<usize> {
+    fn common_step(&self, shift: impl Fn(&Sight) -> Vector2<f64>, outer: usize) -> Option<usize> {
         /// Step in standard errors, and as a multiple of the next one's.
         const LEAST: f32 = 1.5;
         const OTHERS: f32 = 2.2;
@@ -286,7 +280,7 @@ impl Search<'_> {
         let clear = gap + gap / 2;
         let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
         for (sight, own) in self.sights.iter().zip(&mut each) {
-            sight.evidence(shift, true, self.bin_mm, own);
+            sight.evidence(shift(sight), true, self.bin_mm, own);
         }
         let usual: Vec<f32> = (outer + gap / 2..each[0].len())
             .map(|b| median(each.iter().map(|own| own[b]).collect()))
@@ -307,12 +301,17 @@ impl Search<'_> {
     }
 
     /// The strongest edge that lies `gap` bins and more inside one, where that one is faint beside it.
-    fn stronger_inside(&self, shift: Vector2<f64>, outer: usize, gap: usize) -> Option<usize> {
+    fn stronger_inside(
+        &self,
+        shift: impl Fn(&Sight) -> Vector2<f64>,
+        outer: usize,
+        gap: usize,
+    ) -> Option<usize> {
         /// How many times as strong.
         const STRONGER: f32 = 3.0;
         let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
         for (sight, own) in self.sights.iter().zip(&mut each) {
-            sight.step(shift, self.bin_mm, own);
+            sight.step(shift(sight), self.bin_mm, own);
         }
         let step = |b: usize| median(each.iter().map(|own| own[b].abs()).collect());
         let inside = 0..outer.checked_sub(gap)?;
@@ -373,6 +372,14 @@ impl Search<'_> {
         }
         sum
     }
+}
+
+/// Where the support has peaks of so much and more.
+fn peaks(support: &[f32], least: f32) -> Vec<usize> {
+    let high = |&b: &usize| {
+        support[b] >= least && support[b] >= support[b - 1] && support[b] > support[b + 1]
+    };
+    (1..support.len() - 1).filter(high).collect()
 }
 
 /// Shifts on a grid, up to `most_mm`.

@@ -22,14 +22,18 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { diameter_mm: None, diameter_u_mm: 0.02, c_sense: 1.0, channel: Channel::Auto }
+        Self { diameter_mm: None, diameter_u_mm: LEAST_U_MM, c_sense: 1.0, channel: Channel::Auto }
     }
 }
+
+/// Edges nearer to the nominal one than three times this are the rod's, however well that is known: arcs tell a diameter badly.
+pub(super) const LEAST_U_MM: f64 = 0.02;
 
 impl Options {
     /// Whether a diameter is the rod's nominal one, as far as that is known.
     pub(super) fn is_nominal(&self, diameter_mm: f64) -> bool {
-        self.diameter_mm.is_some_and(|d| (diameter_mm - d).abs() < 3.0 * self.diameter_u_mm)
+        let u_mm = self.diameter_u_mm.max(LEAST_U_MM);
+        self.diameter_mm.is_some_and(|d| (diameter_mm - d).abs() < 3.0 * u_mm)
     }
 }
 
