@@ -39,6 +39,54 @@ fn of_a_hole_and_its_chamfer_the_expected_one_is_measured() {
     }
 }
 
+/// Light from one side shows the hole's own edge on one side and its chamfer's on the other: no circle is drawn through both.
+#[test]
+fn of_a_chamfer_lit_from_one_side_one_edge_is_measured() {
+    let (hole_px, chamfer_px) = (140.0, 156.0);
+    let seen = picture(|p| {
+        let from = p - center();
+        // The chamfer is as bright as the face where it looks to the light, and as dark as the hole where it looks away.
+        let lit = 95.0 + 75.0 * (3.0 * from.x / from.norm()).tanh();
+        match from.norm() {
+            r if r < hole_px => 20.0,
+            r if r < chamfer_px => lit,
+            _ => 170.0,
+        }
+    });
+    for radius_px in [hole_px, chamfer_px] {
+        let report = circle(&seen, 0.02 * radius_px).unwrap().report;
+        let found = &report.circles[0].circle;
+        let off_mm = found.diameter_mm - 0.02 * radius_px;
+        let off_px = (Vector2::from(found.center_px) - center()).norm();
+        println!("{radius_px}: {off_mm:.4} ± {:.4} mm, {off_px:.3} px", found.diameter_u95_mm);
+        assert!(
+            off_mm.abs() < 0.01 && off_px < 0.5,
+            "{radius_px}: off by {off_mm} mm, {off_px} px"
+        );
+        assert!(
+            report.warnings.iter().any(|w| w.contains("from one side")),
+            "{:?}",
+            report.warnings
+        );
+    }
+}
+
+/// Of several holes of one size any may be meant: the others are named.
+#[test]
+fn other_circles_of_the_expected_size_are_told() {
+    let holes = [(-140.0, -90.0), (150.0, -60.0), (-20.0, 140.0)]
+        .map(|(x, y)| center() + Vector2::new(x, y));
+    let seen = |count: usize| {
+        picture(|p| {
+            let inside = holes[..count].iter().any(|hole| (p - hole).norm() < 40.0);
+            if inside { 30.0 } else { 160.0 }
+        })
+    };
+    let told = circle(&seen(3), 0.8).unwrap().report.warnings;
+    assert!(told.iter().any(|w| w.contains("3 circles")), "{told:?}");
+    assert_eq!(circle(&seen(1), 0.8).unwrap().report.warnings, Vec::<String>::new());
+}
+
 /// A circle of a few pixels is not lost in the reduced picture.
 #[test]
 fn a_small_circle_is_measured() {

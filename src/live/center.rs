@@ -341,6 +341,8 @@ mod tests {
             form_rms_mm: 0.0,
             form_from_texture_mm: 0.0,
             edge_points: 100,
+            gain: 1.0,
+            other_mm: None,
             arc_coverage: 1.0,
             contrast: 50.0,
             noise: 1.0,

@@ -14,6 +14,7 @@ use crate::measure::expected::{self, Measured};
 use crate::measure::points::Search;
 use crate::measure::ring::{self, Ring};
 use crate::measure::rod;
+use crate::measure::round;
 use crate::uncertainty::K95;
 
 /// Circles of a frame that are tried where no diameter is given.
@@ -27,7 +28,7 @@ const NEARBY_PX: f64 = 8.0;
 pub(super) struct Tracker {
     options: Options,
     /// The last circle that was seen whole, and where its edge was looked for.
-    last: Option<Measured>,
+    last: Option<(Ring, Search)>,
 }
 
 impl Tracker {
@@ -41,7 +42,8 @@ impl Tracker {
             return arc(frame, view, diameter_mm);
         }
         let near = self.last.take().and_then(|last| nearby(&last, frame, view));
-        let (ring, search) = near.or_else(|| self.find(frame, view))?;
+        let found = || self.find(frame, view).map(|found| (found.ring, found.search));
+        let (ring, search) = near.or_else(found)?;
         self.last = Some((ring.clone(), search));
         Some(self.known_diameter(ring))
     }
@@ -98,14 +100,14 @@ impl Tracker {
 }
 
 /// Near where it was, if it is still the same edge.
-fn nearby((last, search): &Measured, frame: &Frame, view: &View) -> Option<Measured> {
+fn nearby((last, search): &(Ring, Search), frame: &Frame, view: &View) -> Option<(Ring, Search)> {
     let near = Search { reach_px: NEARBY_PX, softness_px: last.softness_px.max(1.0), ..*search };
     let ring = ring::measure(frame, view, last.circle, near, None)?.perhaps_soft();
     let same = (ring.circle.radius / last.circle.radius - 1.0).abs() < 0.02
         && ring.contrast.signum() == last.contrast.signum()
         && ring.contrast.abs() > 0.4 * last.contrast.abs()
         && ring.arc_coverage > 0.6 * last.arc_coverage
-        && expected::may_be_circle(&ring);
+        && round::may_be_circle(&ring);
     same.then_some((ring, *search))
 }
 
@@ -131,6 +133,8 @@ fn arc(frame: &Frame, view: &View, diameter_mm: f64) -> Option<Ring> {
         form_rms_mm: seen.report.form_rms_mm,
         form_from_texture_mm: 0.0,
         edge_points: used,
+        gain: 1.0,
+        other_mm: None,
         arc_coverage: used as f64 * arc_step(&seen.points) * view.pixel_mm()
             / (std::f64::consts::TAU * circle.radius),
         contrast: 0.0,

@@ -9,7 +9,7 @@ use crate::find;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
-use crate::measure::{CircleReport, best_channel, expected};
+use crate::measure::{CircleReport, best_channel, expected, round};
 use crate::uncertainty::distance;
 
 /// What is asked for.
@@ -155,15 +155,17 @@ fn in_frame(
                 "check the unit (mm) and the calibration's scale",
             ));
         }
-        let (ring, _) = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
+        let seen = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
             Error::measure(
                 subject,
                 format!(
-                    "shows no circle of about {expect_mm} mm diameter ({radius_px:.0} px radius)"
+                    "shows no circle of about {expect_mm} mm diameter ({radius_px:.0} px radius){}",
+                    clearest(&look, view)
                 ),
                 "check the picture, the expected diameter and the calibration's scale",
             )
         })?;
+        let ring = seen.ring;
         // One edge is no two circles, and would be perfectly concentric with itself.
         let apart = |other: &Ring| other.circle.apart(&ring.circle);
         if let Some(twice) = rings.iter().position(|r| apart(r) < view.pixel_mm()) {
@@ -175,6 +177,16 @@ fn in_frame(
                     options.expect_mm[twice]
                 ),
                 "check the expected diameters and the calibration's scale",
+            ));
+        }
+        if !seen.alike.is_empty() {
+            let places = seen.alike.iter().map(|p| format!("({:.2}, {:.2}) mm", p.x, p.y));
+            warnings.push(format!(
+                "{} circles of about {expect_mm} mm are seen: this is the one at ({:.2}, {:.2}) mm, the others are at {}",
+                seen.alike.len() + 1,
+                ring.circle.center.x,
+                ring.circle.center.y,
+                places.collect::<Vec<_>>().join(", ")
             ));
         }
         let found_mm = 2.0 * ring.circle.radius;
@@ -189,10 +201,15 @@ fn in_frame(
                 100.0 * ring.arc_coverage
             ));
         }
-        if !expected::is_regular(&ring) {
+        if !round::is_regular(&ring) {
             warnings.push(format!(
                 "the {expect_mm} mm circle's edge wanders by {:.4} mm rms: check that it is round",
                 ring.form_rms_mm
+            ));
+        }
+        if let Some(other_mm) = ring.other_mm {
+            warnings.push(format!(
+                "light from one side shows only a part of the {expect_mm} mm circle's edge, and elsewhere another one of {other_mm:.2} mm: a chamfer? Even light shows both all round"
             ));
         }
         warnings.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
@@ -203,6 +220,37 @@ fn in_frame(
     }
     let pairs = pairs(&rings, &planes);
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
+}
+
+/// The clearest circles of a picture, for one who finds that his is not among them.
+fn clearest(look: &find::Look, view: &View) -> String {
+    /// How many are named, and what a clear one's score is at least.
+    const MOST: usize = 3;
+    const CLEAR: f64 = 2.0;
+    let side = view.width_px().max(view.height_px()) as f64;
+    let options = find::Options {
+        least_radius_px: 0.01 * side,
+        most_radius_px: 0.6 * side,
+        near: None,
+        least_coverage: round::WHOLE,
+        centers: 8,
+        known: &[],
+    };
+    let clear = find::circles(look, options).into_iter().filter(|c| {
+        c.score > CLEAR && find::stands_out(look, c, find::Sides::Edge, &[]) != Some(false)
+    });
+    let named: Vec<String> = clear
+        .take(MOST)
+        .map(|c| {
+            let at = view.to_plane(c.circle.center);
+            let diameter_mm = 2.0 * c.circle.radius * view.pixel_mm_at(c.circle.center);
+            format!("{diameter_mm:.3} mm at ({:.2}, {:.2}) mm", at.x, at.y)
+        })
+        .collect();
+    if named.is_empty() {
+        return String::new();
+    }
+    format!("; clear ones are about {}", named.join(", "))
 }
 
 fn pairs(rings: &[Ring], planes: &[PlaneErrors]) -> Vec<Pair> {

@@ -2,19 +2,24 @@
 
 use std::cell::LazyCell;
 
+use nalgebra::Vector2;
+
 use crate::camera::View;
 use crate::find::{self, Candidate, ITSELF, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
 use crate::measure::bands;
 use crate::measure::points::{Points, Search};
-use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
+use crate::measure::round::{
+    FAINT, REGULAR, WHOLE, form, is_arc, is_faint, is_regular, may_be_circle,
+};
+use crate::measure::two_edges::two_edges;
 
 /// A circle is looked for within this share of its expected diameter.
 const DIAMETER_WINDOW: f64 = 0.12;
 /// Off by more than this share a circle may be another one than the one that is meant.
-pub(crate) const FAR: f64 = 0.05;
+pub(crate) const FAR: f64 = 0.02;
 /// Edges about the same centre that may disturb it, in its radii.
 const NEIGHBOURS: std::ops::Range<f64> = 0.5..1.6;
 /// Candidates that are tried: the edges of an annulus gather into several of a spot's size.
@@ -30,19 +35,10 @@ const MOST_BAND: f64 = 0.4;
 /// Of two such edges that one is meant which is nearer to the expected radius by this part of it.
 const NEARER: f64 = 0.015;
 
-/// Contrast over a pixel's noise below which texture may look like a circle's edge: it must be regular and stand out.
-const FAINT: f64 = 2.0;
-/// Form over radius below which nothing but a circle's edge stays; anything else must stand out from the surface.
-const REGULAR: f64 = 0.015;
 /// Form over radius above which an edge may be background gathered into a circle, which wanders and has gaps.
 const RAGGED: f64 = 0.03;
 /// Form over radius above which an edge is no circle's, whole as it may seem.
 const MOST_RAGGED: f64 = 0.08;
-/// Share of its circumference that the edge of a poor part shows, or a faint one.
-const WHOLE: f64 = 0.85;
-/// Standard deviation of the centre, as its edge tells it, over the radius, and of an arc's radius: what is less sure is gathered
-/// from anything, or straight. Less where less of the circle is seen.
-const DOUBT: f64 = 0.03;
 /// A measured step as a part of the one that was found; another is another edge's.
 const SAME_STEP: std::ops::Range<f64> = 0.3..4.0;
 /// An edge that was found so far away, in radii, is another than the one that was looked for.
@@ -61,7 +57,9 @@ pub(crate) fn measure(frame: &Frame, view: &View, look: &Look, expect_mm: f64) -
     let radius_px = 0.5 * expect_mm / view.pixel_mm();
     let seen = |look: &Look| {
         let candidates = find::circles(look, options(radius_px, DIAMETER_WINDOW));
-        Picture { frame, view, look, candidates: &candidates, expect_mm, radius_px }.best()
+        let picture = Picture { frame, view, look, candidates: &candidates, expect_mm, radius_px };
+        let best = picture.best()?;
+        Some(Measured { alike: picture.alike(&best.ring), ..best })
     };
     let hidden = || {
         let candidates = find::circles(look, options(radius_px, WIDE_WINDOW));
@@ -99,8 +97,16 @@ fn told_apart(mut edges: Vec<Candidate>) -> Vec<Candidate> {
     edges
 }
 
-/// A circle, and where its edge was looked for.
-pub(crate) type Measured = (Ring, Search);
+/// A circle of the expected size.
+#[derive(Debug, Clone)]
+pub(crate) struct Measured {
+    /// The circle.
+    pub ring: Ring,
+    /// Where its edge was looked for.
+    pub search: Search,
+    /// Centres of others as clear and as large, in the plane.
+    pub alike: Vec<Vector2<f64>>,
+}
 
 /// What a candidate led to.
 enum Found {
@@ -126,7 +132,7 @@ impl Picture<'_> {
         let mut tried = |found: Option<Found>| match found? {
             Found::Circle(circle) => Some(circle),
             Found::Ragged(circle) => {
-                if ragged.as_ref().is_none_or(|best| form(&circle.0) < form(&best.0)) {
+                if ragged.as_ref().is_none_or(|best| form(&circle.ring) < form(&best.ring)) {
                     ragged = Some(circle);
                 }
                 None
@@ -214,6 +220,9 @@ impl Picture<'_> {
         let judge = |ring, search| self.judge(c, ring, search, || *stands_out);
         let look = |search| ring::measure_if(self.frame, self.view, rough, search, None, &worth);
         let ring = look(search)?;
+        if let Some(edges) = two_edges(&ring) {
+            return self.one_of(edges, c, search);
+        }
         let astray = |ring: &Ring| ring.circle.apart(&rough) > ASTRAY * rough.radius;
         if astray(&ring) {
             let nearer = NEARBY.iter().find_map(|softnesses| {
@@ -225,6 +234,30 @@ impl Picture<'_> {
             }
         }
         judge(ring, search)
+    }
+
+    /// Of two edges that look like one, light from one side showing each on its own side, the one nearer to what is expected.
+    fn one_of(&self, mut edges: [Circle; 2], c: &Candidate, search: Search) -> Option<Found> {
+        let off = |edge: &Circle| (2.0 * edge.radius / self.expect_mm - 1.0).abs();
+        edges.sort_by(|a, b| off(a).total_cmp(&off(b)));
+        let apart_px = (edges[0].radius - edges[1].radius).abs() / self.view.pixel_mm();
+        let half_px = (0.5 * apart_px).max(2.0);
+        let search = Search {
+            reach_px: search.reach_px.min(0.5 * half_px),
+            inside_limit_px: search.inside_limit_px.min(half_px),
+            outside_limit_px: search.outside_limit_px.min(half_px),
+            softness_px: search.softness_px.min(0.25 * apart_px),
+        };
+        let [first, second] = edges;
+        [(first, second), (second, first)].into_iter().find_map(|(edge, other)| {
+            let ring = ring::measure(self.frame, self.view, edge, search, None)?;
+            let strayed = ring.circle.apart(&edge) > half_px * self.view.pixel_mm();
+            if strayed || two_edges(&ring).is_some() {
+                return None;
+            }
+            let ring = Ring { other_mm: Some(2.0 * other.radius), ..ring };
+            self.judge(c, ring, search, || true)
+        })
     }
 
     /// Whether a candidate stands out from its surface, as far as that can be told.
@@ -256,22 +289,41 @@ impl Picture<'_> {
             return None;
         }
         if clear || form(&ring) < if faint { REGULAR } else { RAGGED } {
-            return Some(Found::Circle((self.with_tint(c, ring), search)));
+            return Some(Found::Circle(self.with_tint(c, ring, search)));
         }
         let poor = form(&ring) < MOST_RAGGED && !faint && !is_arc(&ring);
-        poor.then(|| Found::Ragged((self.with_tint(c, ring), search)))
+        poor.then(|| Found::Ragged(self.with_tint(c, ring, search)))
     }
 
     /// A circle with what bands of tint beyond it may have moved it.
-    fn with_tint(&self, c: &Candidate, ring: Ring) -> Ring {
+    fn with_tint(&self, c: &Candidate, mut ring: Ring, search: Search) -> Measured {
         let pixel_mm = self.view.pixel_mm();
-        if !ring.may_hide_tint(pixel_mm) {
-            return ring;
+        if ring.may_hide_tint(pixel_mm) {
+            let mut edges = self.about(c);
+            // A stronger one is another edge of the part: a chamfer's, a washer's rim.
+            edges.retain(|o| o.step.abs() < MOST_BAND * c.step.abs());
+            ring = ring.banded(bands::strongest_beyond(c, &edges), pixel_mm);
         }
-        let mut edges = self.about(c);
-        // A stronger one is another edge of the part: a chamfer's, a washer's rim.
-        edges.retain(|o| o.step.abs() < MOST_BAND * c.step.abs());
-        ring.banded(bands::strongest_beyond(c, &edges), pixel_mm)
+        Measured { ring, search, alike: Vec::new() }
+    }
+
+    /// Where else a circle as clear and as large is seen.
+    fn alike(&self, ring: &Ring) -> Vec<Vector2<f64>> {
+        /// In radii: as large, and elsewhere.
+        const AS_LARGE: f64 = 0.03;
+        const ELSEWHERE: f64 = 0.5;
+        /// As a part of the own score.
+        const AS_CLEAR: f64 = 0.5;
+        let radius_px = ring.circle.radius / self.view.pixel_mm_at(ring.center_px);
+        let off = |c: &&Candidate| (c.circle.center - ring.center_px).norm() / radius_px;
+        let alike = |c: &&Candidate| {
+            (c.circle.radius / radius_px - 1.0).abs() < AS_LARGE && c.step * ring.contrast > 0.0
+        };
+        let same = self.candidates.iter().filter(|c| alike(c) && off(c) < ELSEWHERE);
+        let own = same.map(|c| c.score).fold(0.0, f64::max);
+        let others = self.candidates.iter().filter(|c| alike(c) && off(c) >= ELSEWHERE);
+        let clear = |c: &&Candidate| own > 0.0 && c.score > AS_CLEAR * own && c.coverage > WHOLE;
+        others.filter(clear).map(|c| self.view.to_plane(c.circle.center)).collect()
     }
 }
 
@@ -286,33 +338,6 @@ fn rivals(other: &Candidate, c: &Candidate) -> bool {
     let apart = (other.circle.center - c.circle.center).norm() / c.circle.radius;
     let larger = other.circle.radius / c.circle.radius - 1.0;
     other.score > 0.3 * c.score && apart.max(larger.abs()) > 0.1
-}
-
-/// Root mean square of a circle's form over its radius.
-fn form(ring: &Ring) -> f64 {
-    ring.form_rms_mm / ring.circle.radius
-}
-
-/// Whether an edge is a circle's as far as it tells by itself: sure of its place, and neither a polygon's nor texture's arc.
-pub(crate) fn may_be_circle(ring: &Ring) -> bool {
-    let most_mm = DOUBT * ring.arc_coverage.min(1.0).powi(2) * ring.circle.radius;
-    let unsure_arc = ring.covariance[(2, 2)].sqrt() > most_mm || is_faint(ring);
-    ring.fitted_sd_mm <= most_mm && !(is_arc(ring) && unsure_arc) && !is_polygon(ring)
-}
-
-/// Whether not all of a circle is seen.
-fn is_arc(ring: &Ring) -> bool {
-    ring.arc_coverage < WHOLE
-}
-
-/// Whether an edge may be texture's.
-fn is_faint(ring: &Ring) -> bool {
-    ring.contrast.abs() < FAINT * ring.noise
-}
-
-/// Whether an edge is as round as a circle's.
-pub(super) fn is_regular(ring: &Ring) -> bool {
-    form(ring) < REGULAR
 }
 
 /// Measures a circle that was found, keeping clear of its concentric neighbours.

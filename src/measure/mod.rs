@@ -17,8 +17,10 @@ pub mod points;
 mod polygon;
 pub mod ring;
 pub mod rod;
+pub(crate) mod round;
 mod rows;
 mod spot;
+mod two_edges;
 
 use serde::Serialize;
 

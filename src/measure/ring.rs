@@ -61,6 +61,11 @@ pub struct Ring {
     pub contrast: f64,
     /// Pixel noise about the edge model, counts.
     pub noise: f64,
+    /// Step of the middle sector as a part of the sectors' common profile: about 1. More of a faint edge is each sector's own noise, less
+    /// means that most of what was used shows no edge.
+    pub gain: f64,
+    /// Diameter of another edge that shows where this one does not, as light comes from one side.
+    pub other_mm: Option<f64>,
     /// Softness of the edge, px.
     pub softness_px: f64,
     /// What was added to the radius because a blurred disc's half level lies inside its rim, mm.
@@ -280,6 +285,8 @@ fn finish(
         form_rms_mm: form.sqrt(),
         form_from_texture_mm: 0.0,
         edge_points: used,
+        gain: points.located.gains[1],
+        other_mm: None,
         arc_coverage: points.span * used as f64 / points.usable.len() as f64,
         contrast: step.contrast(),
         noise: points.located.noise,
