@@ -6,6 +6,7 @@ use std::hash::Hash;
 use std::path::{Path, PathBuf};
 
 use crate::error::Result;
+use crate::fit::robust::median;
 use crate::hash;
 use crate::table::Table;
 
@@ -40,13 +41,80 @@ pub fn rows_once(table: &Table, warnings: &mut Vec<String>) -> Vec<usize> {
     once(table, &firsts, "a row", warnings)
 }
 
-/// Leaves out the copies among the rows of a measured run. Without a time that goes on equal rows may be repeats.
-pub fn timed_once(table: &mut Table, warnings: &mut Vec<String>) {
+/// Leaves out the copies among measured rows. Where time goes on rows that are alike in every column are copies. Without it they may be
+/// repeats that read alike by chance in the columns `readings`: how seldom that is, the repeats that differ tell.
+pub fn measured_once(table: &mut Table, readings: &[&str], warnings: &mut Vec<String>) {
     let times = (0..table.rows()).map(|row| table.text(row, "t_s"));
-    if times.collect::<HashSet<_>>().len() > 1 {
+    if times.collect::<HashSet<_>>().len() > 1 || !alike_by_chance(table, readings) {
         let rows = rows_once(table, warnings);
         table.keep(&rows);
     }
+}
+
+/// Pairs of repeats that are compared: each row with so many before it.
+const COMPARED: usize = 8;
+/// Repeats are taken for copies where as many would be alike more seldom by chance.
+const SELDOM: f64 = 1e-3;
+/// Readings whose repeats differ by fewer last digits than this, in the middle, are alike often: how often, those tell whose other readings
+/// differ, unless it is so often that few do.
+const COARSE: f64 = 4.0;
+const OFTEN: f64 = 0.4;
+
+/// Whether as many rows as are alike in every column may be so by chance, readings being rounded to their last digit.
+fn alike_by_chance(table: &Table, readings: &[&str]) -> bool {
+    let readings: Vec<&str> = readings.iter().copied().filter(|name| table.has(name)).collect();
+    if readings.is_empty() {
+        return true;
+    }
+    let mut places: HashMap<Vec<(&str, String)>, Vec<usize>> = HashMap::new();
+    for row in 0..table.rows() {
+        let mut cells = table.cells(row);
+        cells.retain(|(name, _)| !readings.contains(name));
+        places.entry(cells).or_default().push(row);
+    }
+    let value = |row: usize, name: &str| table.number(row, name).unwrap_or(f64::NAN);
+    let (mut alike, mut apart) = (0.0, vec![Vec::new(); readings.len()]);
+    for rows in places.values() {
+        for (i, row) in rows.iter().enumerate() {
+            for other in &rows[i.saturating_sub(COMPARED)..i] {
+                let by = |name: &&str| (value(*row, name) - value(*other, name)).abs();
+                let by: Vec<f64> = readings.iter().map(by).collect();
+                if by.iter().all(|b| *b == 0.0) {
+                    alike += 1.0;
+                } else {
+                    apart.iter_mut().zip(by).for_each(|(all, b)| all.push(b));
+                }
+            }
+        }
+    }
+    // The chance that rounding makes two normal readings one: the last digit over 2 √π standard deviations.
+    let chance = |(name, by): (&&str, &mut Vec<f64>)| {
+        let digit = last_digit(table, name);
+        let sd = (by.iter().map(|b| b * b).sum::<f64>() / (2 * by.len()) as f64).sqrt();
+        let same = (by.iter().filter(|b| **b == 0.0).count() as f64 + 0.5) / (by.len() + 1) as f64;
+        if median(by) >= COARSE * digit {
+            digit / (2.0 * std::f64::consts::PI.sqrt() * sd)
+        } else if same < OFTEN {
+            same
+        } else {
+            1.0
+        }
+    };
+    let pairs = alike + apart[0].len() as f64;
+    let expected = if apart[0].is_empty() {
+        0.0
+    } else {
+        pairs * readings.iter().zip(&mut apart).map(chance).product::<f64>()
+    };
+    // Chernoff's bound of a Poisson count.
+    alike <= expected || alike * (1.0 + (expected / alike).ln()) - expected > SELDOM.ln()
+}
+
+/// What the last digit of a column's numbers stands for.
+fn last_digit(table: &Table, name: &str) -> f64 {
+    let decimals = |row: usize| table.text(row, name).split(['.', ',']).nth(1).map_or(0, str::len);
+    let most = (0..table.rows()).map(decimals).max().unwrap_or(0);
+    0.1f64.powi(most as i32)
 }
 
 /// As [`rows_once`] for rows that each name a picture in the column `image`, with where it is: beside the table unless
@@ -108,4 +176,42 @@ fn once(
         ));
     }
     (0..firsts.len()).filter(|&row| firsts[row].is_none()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Rows of `places` places read `times` times with noise of 1.5 µm, the first `copies` of them pasted again below.
+    fn kept(places: usize, times: usize, decimals: usize, copies: usize) -> usize {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(4);
+        let mut noise = || -> f64 { StandardNormal.sample(&mut rng) };
+        let mut rows = Vec::new();
+        for place in 0..places {
+            for _ in 0..times {
+                let [dx, dy] = [0.01, 0.02].map(|mean| mean + 1.5e-3 * noise());
+                rows.push(format!("{place},{dx:.decimals$},{dy:.decimals$}"));
+            }
+        }
+        rows.extend(rows[..copies].to_vec());
+        let text = format!("b_deg,dx_mm,dy_mm\n{}\n", rows.join("\n"));
+        let mut table = Table::parse("t.csv", text, &["b_deg", "dx_mm", "dy_mm"], &[]).unwrap();
+        let mut warnings = Vec::new();
+        measured_once(&mut table, &["dx_mm", "dy_mm"], &mut warnings);
+        assert_eq!(warnings.is_empty(), table.rows() == rows.len(), "{warnings:?}");
+        table.rows()
+    }
+
+    #[test]
+    fn pasted_rows_count_once_and_coarse_repeats_stay() {
+        assert_eq!(kept(20, 3, 5, 0), 60);
+        assert_eq!(kept(20, 3, 5, 2), 60);
+        assert_eq!(kept(80, 1, 5, 80), 80);
+        // Some of these agree by chance.
+        assert_eq!(kept(20, 3, 3, 0), 60);
+        assert_eq!(kept(20, 9, 2, 0), 180);
+        assert_eq!(kept(20, 3, 3, 20), 60);
+    }
 }

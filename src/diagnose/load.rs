@@ -44,7 +44,7 @@ pub struct Source {
     pub calib: Option<PathBuf>,
     /// Effects of the user's own.
     pub effects: Option<PathBuf>,
-    /// Whether copies of timed rows are left out: of a measured run they are none, of a plan they are wanted.
+    /// Whether copies of rows are left out: of a measured run they tell nothing, of a plan they are wanted.
     pub once: bool,
 }
 
@@ -90,8 +90,15 @@ impl Source {
             Kind::Burn => columns::BURN_COLUMNS,
         };
         let mut table = Table::read(&self.data, required, optional)?;
+        let readings: &[&str] = match self.kind {
+            Kind::Rtcp => &["dx_mm", "dy_mm", "dz_mm"],
+            Kind::Rod => &["u_px", "v_px"],
+            Kind::Ballbar => &["length_mm"],
+            Kind::Thermal => &["error_mm"],
+            Kind::Burn => &["dx_mm", "dy_mm"],
+        };
         if self.once {
-            repeats::timed_once(&mut table, warnings);
+            repeats::measured_once(&mut table, readings, warnings);
         }
         Ok(table)
     }

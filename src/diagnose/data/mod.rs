@@ -95,18 +95,19 @@ pub fn of_model(error: Error, path: &std::path::Path) -> Error {
     }
 }
 
-/// Refuses an effect whose name is nearly one of the library's.
+/// Refuses an effect that is neither the library's nor has formulas of its own.
 pub fn spelt(effect: &Effect) -> Result<()> {
     // One with formulas has whatever name its owner gave it.
     let own = !effect.outputs.is_empty();
-    match nearest(&effect.name, NAMES).filter(|name| !own && *name != effect.name) {
-        Some(name) => Err(Error::measure(
-            format!("effects: name = \"{}\"", effect.name),
-            "is not the name of an effect",
-            format!("did you mean '{name}'?"),
-        )),
-        None => Ok(()),
+    if own || NAMES.contains(&effect.name.as_str()) {
+        return Ok(());
     }
+    let fix = match nearest(&effect.name, NAMES) {
+        Some(name) => format!("did you mean '{name}'?"),
+        None => "an effect of your own needs kind and outputs (docs/machine.md)".into(),
+    };
+    let subject = format!("effects: name = \"{}\"", effect.name);
+    Err(Error::measure(subject, "is not the name of an effect", fix))
 }
 
 /// The effects that the model file already has, as far as this kind of data knows them.

@@ -196,7 +196,13 @@ impl<C, E: Clone + Default> Library<C, E> {
         let Some(effect) = self.infos.iter().position(|i| i.name == name) else {
             return Err(format!("is not an effect of this kind of data: {name}"));
         };
-        for (form, list) in self.infos[effect].forms.iter().enumerate() {
+        let forms = &self.infos[effect].forms;
+        let is_known = |key: &str| forms.iter().flatten().any(|p| p.name == key);
+        let mut parameters = parameters.clone();
+        parameters.retain(|key, _| is_known(key) || !key.starts_with("x_"));
+        let stranger = parameters.keys().find(|key| !is_known(key));
+        let stranger = stranger.map_or(String::new(), |key| format!("has no parameter {key}: "));
+        for (form, list) in forms.iter().enumerate() {
             let same = list.len() == parameters.len()
                 && list.iter().all(|p| {
                     parameters.get(p.name.as_ref()).is_some_and(|v| !p.is_switch() || *v == p.start)
@@ -206,8 +212,7 @@ impl<C, E: Clone + Default> Library<C, E> {
                 return Ok(Active { effect, form, values });
             }
         }
-        let known: Vec<String> = self.infos[effect]
-            .forms
+        let known: Vec<String> = forms
             .iter()
             .map(|f| {
                 let word = |p: &Parameter| match p.is_switch() {
@@ -217,7 +222,8 @@ impl<C, E: Clone + Default> Library<C, E> {
                 f.iter().map(word).collect::<Vec<_>>().join(", ")
             })
             .collect();
-        Err(format!("{name} takes one of these sets of parameters: {}", known.join(" | ")))
+        let known = known.join(" | ");
+        Err(format!("{stranger}{name} takes one of these sets of parameters: {known}"))
     }
 }
 
