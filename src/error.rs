@@ -138,7 +138,7 @@ pub fn above_zero(option: &str, value: f64, fix: &str) -> Result<()> {
     if value.is_finite() && value > 0.0 {
         return Ok(());
     }
-    Err(Error::option(option, format!("{value} is not above 0"), fix))
+    Err(Error::option(option, format!("{value} is not a number above 0"), fix))
 }
 
 impl Error {

@@ -63,6 +63,12 @@ pub enum Status {
     Failed,
 }
 
+/// A result that the disk does not take.
+pub(super) fn unwritten(path: &Path, e: std::io::Error) -> Error {
+    let fix = "make room, then go on with --resume: nothing measured is lost";
+    Error::file(path, format!("cannot write: {e}"), fix)
+}
+
 impl Journal {
     /// Opens or creates the journal, and once it is nobody else's and `may` says so, reads what is there and cuts an incomplete last
     /// line off.
@@ -116,10 +122,7 @@ impl Journal {
         verdict: Option<Verdict>,
     ) -> Result<()> {
         let text = format!("{line}\n");
-        let error = |e| {
-            let fix = "make room, then go on with --resume: nothing measured is lost";
-            Error::file(&self.path, format!("cannot write: {e}"), fix)
-        };
+        let error = |e| unwritten(&self.path, e);
         if let Err(e) = self.file.write_all(text.as_bytes()) {
             // No other thread may write behind half a line.
             let _ = self.file.set_len(self.end);

@@ -30,7 +30,7 @@ use crate::error::{Error, Result};
 use crate::output::{create_folder, write_streamed};
 use crate::uncertainty::Verdict;
 use folder::{claim, is_ours_to_fill, keep_apart};
-use journal::{Entry, Journal};
+use journal::{Entry, Journal, unwritten};
 use watch::State;
 
 /// What to run and how.
@@ -189,14 +189,15 @@ fn run_with(
     let summary = finish(options, &items, &journal, before)?;
     let mut journal = journal.into_inner().unwrap_or_else(PoisonError::into_inner);
     let lines = sorted(options, &items, &journal);
-    write_streamed(&out.join("results.jsonl"), |file| {
+    let results = out.join("results.jsonl");
+    write_streamed(&results, |file| {
         use std::io::Write;
         let mut sink = std::io::BufWriter::new(file);
         for (_, entry) in &lines {
             let line = journal.line(*entry)?;
-            sink.write_all(line.as_bytes()).map_err(|e| Error::io(out, "write", e))?;
+            sink.write_all(line.as_bytes()).map_err(|e| unwritten(&results, e))?;
         }
-        sink.flush().map_err(|e| Error::io(out, "write", e))
+        sink.flush().map_err(|e| unwritten(&results, e))
     })?;
     Ok(summary)
 }

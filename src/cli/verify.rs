@@ -183,7 +183,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = machine.without_target().into_iter().collect();
     let sweep = Sweep::read_measured(data, &mut warnings)?;
     let measured = sweep.deviation_mm.clone().unwrap_or_default();
     if measured.len() < 4 {

@@ -221,6 +221,15 @@ impl Machine {
         units::pivot("the machine's head.r_mm", self.head.r_mm).into_iter().collect()
     }
 
+    /// What a user should know where an observed point is not named.
+    pub fn without_target(&self) -> Option<String> {
+        self.target.is_none().then(|| {
+            "the machine file has no [target]: it is taken to lie on the C axis at the table's surface, \
+             which hides effects that grow with its radius and height"
+                .into()
+        })
+    }
+
     fn checked(path: &Path, mut machine: Self) -> Result<Self> {
         let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
         if machine.head.r_mm == unsaid() {

@@ -11,7 +11,7 @@ use crate::diagnose::effects::rtcp_pose::PoseError;
 use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fit::robust::range;
 use crate::machine::Machine;
 use crate::table::Table;
@@ -118,13 +118,7 @@ impl RtcpExperiment {
         let (dir_b, dir_c) = (column("dir_b")?, column("dir_c")?);
         table.check_directions("dir_b", &dir_b, warnings)?;
         table.check_directions("dir_c", &dir_c, warnings)?;
-        if machine.target.is_none() {
-            warnings.push(
-                "the machine file has no [target]: it is taken to lie on the C axis at the table's surface, \
-                 which hides effects that grow with its radius and height"
-                    .into(),
-            );
-        }
+        warnings.extend(machine.without_target());
         let geometry = Geometry {
             head: machine.head_vector(),
             centre: machine.table_point(),
@@ -134,6 +128,18 @@ impl RtcpExperiment {
         };
         let place = [column("x_mm")?, column("y_mm")?, column("z_mm")?];
         let given = place.iter().all(|c| !c.is_empty());
+        let names = ["x_mm", "y_mm", "z_mm"].into_iter().zip(&place);
+        if let Some((name, _)) = names.clone().find(|(_, c)| c.is_empty())
+            && names.clone().any(|(_, c)| !c.is_empty())
+        {
+            return Err(Error::field(
+                table.path(),
+                None,
+                format!("column '{name}'"),
+                "is missing beside the other two",
+                "give x_mm, y_mm and z_mm, or none of them",
+            ));
+        }
         let commanded = (0..rows)
             .map(|r| {
                 if given {

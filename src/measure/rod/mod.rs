@@ -124,10 +124,14 @@ pub fn measure_frames(
     options: &Options,
 ) -> Result<Measured> {
     let unseen = || {
+        let named = options.diameter_mm.map(|d| format!(" of about {d} mm"));
+        let option = if named.is_some() { "--diameter-mm, " } else { "" };
         Error::measure(
             "captures",
-            "no rim of a rod is seen on which they agree",
-            "check the pictures, the machine positions (x_mm, y_mm) and the calibration's signs",
+            format!("no rim of a rod{} is seen on which they agree", named.unwrap_or_default()),
+            format!(
+                "check {option}the pictures, the machine positions (x_mm, y_mm) and the calibration's signs"
+            ),
         )
     };
     let (c_deg, angle_of) = captures::table_angles(captures);
