@@ -69,11 +69,22 @@ fn turning(
     radius_px: f64,
     level: impl Fn(Vector2<f64>, Vector2<f64>) -> f64,
 ) -> (Vec<Capture>, Vec<(Frame, View)>) {
+    turning_off(0.05, ways, mm_per_px, radius_px, level)
+}
+
+/// The same of a rod so far off the axis, mm.
+fn turning_off(
+    off_mm: f64,
+    ways: &[(f64, f64)],
+    mm_per_px: f64,
+    radius_px: f64,
+    level: impl Fn(Vector2<f64>, Vector2<f64>) -> f64,
+) -> (Vec<Capture>, Vec<(Frame, View)>) {
     let mapping = Mapping::Scale { mm_per_px, rotation_deg: 0.0 };
     let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let captures = ways.iter().enumerate().map(|(k, &(c_deg, way_deg))| {
         let turned = |deg: f64| Vector2::new(deg.to_radians().cos(), deg.to_radians().sin());
-        let center_mm = Vector2::from(AXIS_MM) + 0.05 * turned(c_deg);
+        let center_mm = Vector2::from(AXIS_MM) + off_mm * turned(c_deg);
         let at_mm = Vector2::new(100.0, 50.0) + radius_px * mm_per_px * turned(way_deg);
         let seen = painter::picture(|p| {
             let plane_mm = mm_per_px * Vector2::new(p.x - 319.5, 239.5 - p.y);
@@ -307,6 +318,52 @@ fn a_narrow_chamfer_of_an_eccentric_rod_is_not_the_rim() {
         let off_mm = report.diameter_mm - 2.0 * radius_px * MM_PER_PX;
         assert!(off_mm.abs() < 0.001, "{} mm, off by {off_mm} mm", report.diameter_mm);
     }
+}
+
+/// About one centre the rim of a rod that is far off the axis lies farther out at some table angles: that is no other edge.
+#[test]
+fn a_rod_far_off_the_axis_shows_no_other_edges() {
+    const MM_PER_PX: f64 = 0.0075;
+    let radius_px = 1200.0;
+    let ways: Vec<_> = (0..9).map(|k| (120.0 * f64::from(k % 3), 40.0 * f64::from(k))).collect();
+    for off_mm in [0.3, 0.5, 0.8] {
+        let (captures, frames) = turning_off(off_mm, &ways, MM_PER_PX, radius_px, |from_px, _| {
+            60.0 + 45.0 * libm::erfc((radius_px - from_px.norm()) / 2.0)
+        });
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let told: Vec<_> = report.warnings.iter().filter(|w| w.contains("edge")).collect();
+        assert!(told.is_empty(), "{off_mm}: {told:?}");
+        let off_mm = report.diameter_mm - 2.0 * radius_px * MM_PER_PX;
+        assert!(off_mm.abs() < 0.001, "off by {off_mm} mm");
+    }
+}
+
+/// A short arc hardly tells its radius: with a certified diameter the centre is known the better, the better that is known.
+#[test]
+fn a_certified_diameter_carries_a_short_arc() {
+    const MM_PER_PX: f64 = 0.0075;
+    let radius_px = 1200.0;
+    let (captures, frames) =
+        turning(&[(0.0, 0.0), (0.0, 6.0)], MM_PER_PX, radius_px, |from_px, _| {
+            60.0 + 45.0 * libm::erfc((radius_px - from_px.norm()) / 2.0)
+        });
+    let measured = |diameter_u_mm: Option<f64>| {
+        let known = Options::default();
+        let options = Options {
+            diameter_mm: diameter_u_mm.map(|_| 2.0 * radius_px * MM_PER_PX),
+            diameter_u_mm: diameter_u_mm.unwrap_or(known.diameter_u_mm),
+            ..known
+        };
+        let report = rod::measure_frames(&captures, &frames, &options).unwrap().report;
+        let center_mm = Vector2::from(AXIS_MM) + Vector2::new(0.05, 0.0);
+        let off_mm = Vector2::from(report.axis_center_mm) - center_mm;
+        let u95_mm = Vector2::from(report.axis_center_u95_mm);
+        assert!(off_mm.norm() < u95_mm.norm(), "{diameter_u_mm:?}: {off_mm} {u95_mm}");
+        u95_mm.norm()
+    };
+    let [free, usual, certified] = [None, Some(0.02), Some(0.0005)].map(measured);
+    println!("u95 of the centre: free {free:.5}, to 20 µm {usual:.5}, to 0.5 µm {certified:.5} mm");
+    assert!(certified < 0.5 * usual && usual < 1.1 * free, "{free} {usual} {certified}");
 }
 
 /// Turning lines go round with the rim: where one ends at it all edge points are off alike, and only the lines beside it tell by how much.

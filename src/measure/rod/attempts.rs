@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use crate::camera::View;
 use crate::fit::Circle;
 use crate::frame::Frame;
+use crate::measure::rod::beside;
 use crate::measure::rod::outer::{self, Captures, Found};
 use crate::measure::rod::seek::{self, Voter};
 use crate::measure::rod::{Capture, Report};
@@ -77,6 +78,12 @@ impl<'a> Attempts<'a> {
         let radius_mm = 0.5 * measured.diameter_mm;
         let seen = self.nominal_mm.is_none().then(|| self.seen(None))?;
         outer::just_outside(seen, centers, radius_mm)
+    }
+
+    /// Radii of the edges beside a circle that was measured: fainter outside, stronger inside.
+    pub(super) fn beside(&self, measured: &Report) -> [Option<f64>; 2] {
+        let centers: Vec<_> = measured.rod_centers.iter().map(|c| c.center_mm.into()).collect();
+        beside::beside(self.seen(None), &centers, 0.5 * measured.diameter_mm)
     }
 
     /// The rim that all captures but one show: one whose position is wrong may lead all astray.

@@ -3,6 +3,7 @@
 mod agreement;
 mod attempts;
 mod axis;
+mod beside;
 mod budget;
 mod captures;
 mod finish;
@@ -139,8 +140,14 @@ pub fn measure_frames(
     let measure_at = |found: &Found| -> Result<Measured> {
         let followed = follow(captures, frames, found, &angle_of)?;
         let mut measured = finish(captures, options, &c_deg, &angle_of, &followed)?;
-        agreement::fainter_rim(found.fainter_mm, options, &mut measured.report);
-        agreement::stronger_edge(found.stronger_mm, options, &mut measured.report.warnings);
+        let mut beside = [found.fainter_mm, found.stronger_mm];
+        if c_deg.len() > 1 && beside.iter().any(Option::is_some) {
+            let seen = attempts.beside(&measured.report);
+            // What is beside the rim about one centre may be the rim at another table angle.
+            beside.iter_mut().zip(seen).for_each(|(edge, seen)| *edge = edge.and(seen));
+        }
+        agreement::fainter_rim(beside[0], options, &mut measured.report);
+        agreement::stronger_edge(beside[1], options, &mut measured.report.warnings);
         Ok(measured)
     };
     let measure = |found: Found| -> Result<Measured> {

@@ -26,7 +26,7 @@ const LEAST_BIN_PX: f64 = 2.0;
 /// The same at first, while the centre is not known.
 const FAR_BIN_MM: f64 = 0.02;
 /// Least width of a chamfer that is told from its rim while the centres are not known.
-const CHAMFER_MM: f64 = 0.1;
+pub(super) const CHAMFER_MM: f64 = 0.1;
 /// Two edges that are nearer part where the support between them is less than this share of theirs.
 const DIP: f32 = 0.9;
 /// Bins that edges are apart at least: the steps of nearer ones overlap.
@@ -45,7 +45,7 @@ const NAMED: f32 = 0.3;
 /// How near it is to that, as a part of the radius.
 pub(super) const NAMED_WITHIN: f64 = 0.01;
 /// The same for one that is worth a word: texture and shadows have less.
-const FAINTER: f32 = 0.45;
+pub(super) const FAINTER: f32 = 0.45;
 
 /// The rod's circle as it was found.
 #[derive(Clone)]
@@ -103,12 +103,12 @@ impl Captures<'_> {
     }
 
     /// Bins as wide as pixels of the captures ask for.
-    fn bin_mm(&self) -> f64 {
+    pub(super) fn bin_mm(&self) -> f64 {
         BIN_MM.max(LEAST_BIN_PX * self.pixel_mm())
     }
 
     /// The steps of brightness about a circle in machine coordinates.
-    fn sights(&self, about: Circle, bin_mm: f64) -> Vec<Sight> {
+    pub(super) fn sights(&self, about: Circle, bin_mm: f64) -> Vec<Sight> {
         let pixel_mm = self.pixel_mm();
         let each = self.captures.par_iter().zip(self.angle_of).zip(self.frames).enumerate();
         each.filter(|(i, _)| self.has(*i))
@@ -221,9 +221,9 @@ pub(super) fn just_outside(
 }
 
 /// The captures together.
-struct Search<'a> {
-    bin_mm: f64,
-    sights: Vec<&'a Sight>,
+pub(super) struct Search<'a> {
+    pub bin_mm: f64,
+    pub sights: Vec<&'a Sight>,
 }
 
 impl Search<'_> {
@@ -267,59 +267,6 @@ impl Search<'_> {
         })
     }
 
-    /// A step outside the bin `outer` that most captures have, however faint each: a table's texture has its own in each.
-    fn common_step(&self, shift: impl Fn(&Sight) -> Vector2<f64>, outer: usize) -> Option<usize> {
-        /// Step in standard errors, and as a multiple of the next one's.
-        const LEAST: f32 = 1.5;
-        const OTHERS: f32 = 2.2;
-        const CAPTURES: usize = 3;
-        if self.sights.len() < CAPTURES {
-            return None;
-        }
-        let gap = (CHAMFER_MM / self.bin_mm).ceil() as usize;
-        let clear = gap + gap / 2;
-        let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
-        for (sight, own) in self.sights.iter().zip(&mut each) {
-            sight.evidence(shift(sight), true, self.bin_mm, own);
-        }
-        let usual: Vec<f32> = (outer + gap / 2..each[0].len())
-            .map(|b| median(each.iter().map(|own| own[b]).collect()))
-            .collect();
-        // Shadows and vignetting slope slowly.
-        let step = |i: usize| {
-            let near = &usual[i.saturating_sub(clear)..(i + clear + 1).min(usual.len())];
-            (usual[i] - median(near.to_vec())).abs()
-        };
-        let steps: Vec<f32> = (0..usual.len()).map(step).collect();
-        let most = |list: &mut dyn Iterator<Item = usize>| {
-            list.max_by(|&a, &b| steps[a].total_cmp(&steps[b]))
-        };
-        let best = most(&mut (clear..steps.len()))?;
-        let next = most(&mut (clear / 2..steps.len()).filter(|i| i.abs_diff(best) > gap))?;
-        (steps[best] > LEAST && steps[best] > OTHERS * steps[next])
-            .then_some(outer + gap / 2 + best)
-    }
-
-    /// The strongest edge that lies `gap` bins and more inside one, where that one is faint beside it.
-    fn stronger_inside(
-        &self,
-        shift: impl Fn(&Sight) -> Vector2<f64>,
-        outer: usize,
-        gap: usize,
-    ) -> Option<usize> {
-        /// How many times as strong.
-        const STRONGER: f32 = 3.0;
-        let mut each = vec![vec![0.0f32; self.sights.first()?.bins]; self.sights.len()];
-        for (sight, own) in self.sights.iter().zip(&mut each) {
-            sight.step(shift(sight), self.bin_mm, own);
-        }
-        let step = |b: usize| median(each.iter().map(|own| own[b].abs()).collect());
-        let inside = 0..outer.checked_sub(gap)?;
-        let (strongest, most) = inside.map(|b| (b, step(b))).max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let own = (outer - 1..=outer + 1).map(step).fold(0.0, f32::max);
-        (most > STRONGER * own).then_some(strongest)
-    }
-
     /// The shift near `start` under which the captures agree best on circles in these bins.
     fn recentre(&self, start: Vector2<f64>, bins: &[usize]) -> Vector2<f64> {
         let value = |shift: Vector2<f64>, fine: bool| -> f32 {
@@ -360,7 +307,7 @@ impl Search<'_> {
     }
 
     /// How many captures support a circle about their shifted centres, for every radius.
-    fn support(&self, shift: impl Fn(&Sight) -> Vector2<f64>, fine: bool) -> Vec<f32> {
+    pub(super) fn support(&self, shift: impl Fn(&Sight) -> Vector2<f64>, fine: bool) -> Vec<f32> {
         let bins = self.sights.first().map_or(0, |s| s.bins);
         let mut sum = vec![0.0f32; bins];
         let mut own = vec![0.0f32; bins];
@@ -375,7 +322,7 @@ impl Search<'_> {
 }
 
 /// Where the support has peaks of so much and more.
-fn peaks(support: &[f32], least: f32) -> Vec<usize> {
+pub(super) fn peaks(support: &[f32], least: f32) -> Vec<usize> {
     let high = |&b: &usize| {
         support[b] >= least && support[b] >= support[b - 1] && support[b] > support[b + 1]
     };
@@ -389,10 +336,4 @@ fn disc(most_mm: f64, step_mm: f64) -> impl Iterator<Item = Vector2<f64>> {
         .flat_map(move |i| (-span..=span).map(move |j| (i, j)))
         .map(move |(i, j)| step_mm * Vector2::new(f64::from(i), f64::from(j)))
         .filter(move |shift| shift.norm() <= most_mm)
-}
-
-/// Median, between the two middle ones of an even number: of few captures the upper one would lean.
-fn median(mut list: Vec<f32>) -> f32 {
-    list.sort_by(f32::total_cmp);
-    0.5 * (list[list.len() / 2] + list[(list.len() - 1) / 2])
 }
