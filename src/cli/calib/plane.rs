@@ -65,7 +65,7 @@ fn table(r: &Report) -> String {
     // Writing to a String cannot fail.
     let _ = writeln!(
         t,
-        "pixel         {:.6} ± {:.6} mm   height/width {:+.5} ± {:.5}   shear {} °",
+        "pixel         {:.8} ± {:.8} mm   height/width {:+.5} ± {:.5}   shear {} °",
         r.mm_per_px,
         r.mm_per_px_u95,
         r.aspect,
