@@ -220,7 +220,7 @@ impl Picture<'_> {
         let judge = |ring, search| self.judge(c, ring, search, || *stands_out);
         let look = |search| ring::measure_if(self.frame, self.view, rough, search, None, &worth);
         let ring = look(search)?;
-        if let Some(edges) = two_edges(&ring) {
+        if let Some(edges) = two_edges(&ring, self.view.pixel_mm()) {
             return self.one_of(edges, c, search);
         }
         let astray = |ring: &Ring| ring.circle.apart(&rough) > ASTRAY * rough.radius;
@@ -252,7 +252,7 @@ impl Picture<'_> {
         [(first, second), (second, first)].into_iter().find_map(|(edge, other)| {
             let ring = ring::measure(self.frame, self.view, edge, search, None)?;
             let strayed = ring.circle.apart(&edge) > half_px * self.view.pixel_mm();
-            if strayed || two_edges(&ring).is_some() {
+            if strayed || two_edges(&ring, self.view.pixel_mm()).is_some() {
                 return None;
             }
             let ring = Ring { other_mm: Some(2.0 * other.radius), ..ring };

@@ -22,13 +22,19 @@ const BOTH: f64 = 0.75;
 /// How much better two circles explain the edge than one (ratio of the standard deviations).
 const BETTER: f64 = 2.5;
 
+/// Two edges lie at least so far from each other, px and in softnesses: nearer ones are one.
+const APART_PX: f64 = 1.5;
+const APART: f64 = 1.0;
+
 /// The two circles that the edge lies on, in the plane; `None` where one explains it.
-pub(super) fn two_edges(ring: &Ring) -> Option<[Circle; 2]> {
+pub(super) fn two_edges(ring: &Ring, pixel_mm: f64) -> Option<[Circle; 2]> {
     let circle = |c: Vector3<f64>| Circle {
         center: ring.circle.center + Vector2::new(c.x, c.y),
         radius: ring.circle.radius + c.z,
     };
-    parted(&ring.residuals).map(|both| both.map(circle))
+    let both = parted(&ring.residuals)?;
+    let apart_px = (both[0].z - both[1].z).abs() / pixel_mm;
+    (apart_px > APART_PX.max(APART * ring.softness_px)).then(|| both.map(circle))
 }
 
 /// The same of what the sectors' edges leave over (angle, distance outwards), as corrections of their circle's centre and radius.
