@@ -137,7 +137,7 @@ pub fn from_sightings(
     let mapping = Mapping::Pinhole {
         lens: lens.clone(),
         homography_mm: fit.homography(),
-        covariance: Some(fit.homography_covariance() * (widened * widened)),
+        covariance: Some(Box::new(fit.homography_covariance() * (widened * widened))),
     };
     Ok(Calibrated {
         calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },

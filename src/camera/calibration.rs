@@ -40,7 +40,7 @@ pub enum Mapping {
         homography_mm: Matrix3<f64>,
         /// Covariance of h11, h12, h21, h22, h31, h32, 1.96 standard deviations being half a 95 % interval. `None` where they
         /// are taken as exact.
-        covariance: Option<Matrix6<f64>>,
+        covariance: Option<Box<Matrix6<f64>>>,
     },
     /// A plain scale: the camera axis goes through the frame's middle and v down is -Y.
     Scale {
@@ -132,9 +132,10 @@ impl Calibration {
                         "calibrate the plane again",
                     ));
                 }
-                let covariance =
-                    plane.homography_covariance.map(|rows| Matrix6::from_fn(|r, c| rows[r][c]));
-                if covariance.is_some_and(|c| PlaneUncertainty::of(&c).is_none()) {
+                let covariance = plane
+                    .homography_covariance
+                    .map(|rows| Box::new(Matrix6::from_fn(|r, c| rows[r][c])));
+                if covariance.as_ref().is_some_and(|c| PlaneUncertainty::of(c).is_none()) {
                     return Err((
                         "plane.homography_covariance",
                         "is no covariance".into(),
@@ -227,7 +228,7 @@ impl Calibration {
             Mapping::Pinhole { lens, homography_mm, covariance } => {
                 let plane = Plane {
                     homography_mm: rows(homography_mm),
-                    homography_covariance: covariance.as_ref().map(rows),
+                    homography_covariance: covariance.as_deref().map(rows),
                 };
                 (Some(lens.clone()), Some(plane), None)
             }

@@ -19,7 +19,7 @@ impl View {
     pub(super) fn new(mapping: &Mapping, width_px: usize, height_px: usize) -> Self {
         let (lens, to_plane, uncertainty) = match mapping {
             Mapping::Pinhole { lens, homography_mm, covariance } => {
-                let uncertainty = covariance.as_ref().and_then(PlaneUncertainty::of);
+                let uncertainty = covariance.as_deref().and_then(PlaneUncertainty::of);
                 (lens.clone(), *homography_mm, uncertainty.unwrap_or_default())
             }
             &Mapping::Scale { mm_per_px, rotation_deg } => {

@@ -70,7 +70,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         diameter_u_mm: args.diameter_u_mm,
         c_sense: args.c_sense,
         channel: args.channel,
-        ..Options::default()
     };
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let mut warnings = Vec::new();
