@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use crate::fit::Circle;
 use crate::fit::robust::median;
 use crate::measure::ring::Ring;
+use crate::measure::round::form;
 
 /// Windows of a third of the circumference from which a circle is grown.
 const WINDOWS: usize = 12;
@@ -22,6 +23,8 @@ const BOTH: f64 = 0.75;
 /// How much better two circles explain the edge than one (ratio of the standard deviations).
 const BETTER: f64 = 2.5;
 
+/// Form over radius of what is drawn through two edges; less is a part's own form.
+const LEAST_FORM: f64 = 0.004;
 /// Two edges lie at least so far from each other, px and in softnesses: nearer ones are one.
 const APART_PX: f64 = 1.5;
 const APART: f64 = 1.0;
@@ -32,6 +35,9 @@ pub(super) fn two_edges(ring: &Ring, pixel_mm: f64) -> Option<[Circle; 2]> {
         center: ring.circle.center + Vector2::new(c.x, c.y),
         radius: ring.circle.radius + c.z,
     };
+    if form(ring) < LEAST_FORM {
+        return None;
+    }
     let both = parted(&ring.residuals)?;
     let apart_px = (both[0].z - both[1].z).abs() / pixel_mm;
     (apart_px > APART_PX.max(APART * ring.softness_px)).then(|| both.map(circle))
