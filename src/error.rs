@@ -179,6 +179,15 @@ impl Error {
         Self::Option { option: option.into(), reason: reason.into(), fix: fix.into() }
     }
 
+    /// The same of an option that stands for the one that is wrong.
+    #[must_use]
+    pub fn of_option(self, name: &str) -> Self {
+        match self {
+            Self::Option { reason, fix, .. } => Self::option(name, reason, fix),
+            another => another,
+        }
+    }
+
     /// The same of a file that says what an option says elsewhere, or that the data are from.
     #[must_use]
     pub fn in_file(self, path: impl AsRef<Path>, line: Option<u64>) -> Self {

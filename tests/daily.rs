@@ -231,7 +231,7 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     assert!(ok(dir, &["config"]).contains("kept.sqlite"));
     refused(dir, &["solve", "none.toml"], "none.toml");
     let log = std::fs::read_to_string(dir.join("log.txt")).unwrap();
-    assert!(log.contains("ended: Good") && log.contains("ended: none.toml"), "{log}");
+    assert!(log.contains("ended: good") && log.contains("ended: none.toml"), "{log}");
     // Its paths are seen from the file's folder.
     std::fs::create_dir(dir.join("sub")).unwrap();
     std::fs::remove_file(dir.join("kept.sqlite")).unwrap();

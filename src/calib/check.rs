@@ -42,7 +42,9 @@ pub fn diameter(
 ) -> Result<DiameterReport> {
     above_zero("--diameter-mm", known_mm, "give the known diameter in mm")?;
     let options = circles::Options { expect_mm: vec![known_mm], channel: Channel::Auto };
-    let seen = circles::measure(picture, &calibration.as_exact(), &options, subject)?.report;
+    let seen = circles::measure(picture, &calibration.as_exact(), &options, subject)
+        .map_err(|e| e.of_option("--diameter-mm"))?
+        .report;
     let Some(circle) = seen.circles.first().map(|c| &c.circle) else {
         return Err(Error::measure(subject, "shows no such circle", "check the diameter"));
     };

@@ -10,14 +10,14 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector2;
 use serde::Serialize;
 
-use crate::camera::{Calibration, Laser};
+use crate::camera::{Calibration, Laser, View};
 use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::median;
 use crate::frame::Picture;
 use crate::measure::circles;
 use crate::repeats;
 use crate::table::Table;
-use crate::uncertainty::k95;
+use crate::uncertainty::{K95, k95};
 
 /// A burn so many times farther off than the middle one was mistyped, not scattered: of three burns one in hundreds is.
 const FAR: f64 = 20.0;
@@ -110,13 +110,25 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
     above_zero("--diameter-mm", diameter_mm, "give the burns' diameter in mm")?;
     let options = circles::Options { expect_mm: vec![diameter_mm], channel: Default::default() };
     let mut burns = Vec::new();
+    // By each of the plane's errors, which are the same in all pictures.
+    let mut moved: Vec<Vector2<f64>> = Vec::new();
     for shot in shots {
         let subject = shot.path.display().to_string();
-        let seen = Picture::read(&shot.path)
-            .and_then(|picture| circles::measure(&picture, calibration, &options, &subject))
-            .map_err(|e| e.on_line(shot.line))?
-            .report;
+        let measured = |picture: Picture| -> Result<(View, circles::Report)> {
+            let (width, height) = picture.size();
+            let view = calibration.view_of(&subject, width, height)?;
+            let seen = circles::measure(&picture, &calibration.as_exact(), &options, &subject);
+            Ok((view, seen.map_err(|e| e.of_option("--diameter-mm"))?.report))
+        };
+        let (view, seen) =
+            Picture::read(&shot.path).and_then(measured).map_err(|e| e.on_line(shot.line))?;
         let Some(circle) = seen.circles.first().map(|c| &c.circle) else { continue };
+        for (i, by) in view.plane_errors_mm(circle.center_mm.into()).enumerate() {
+            match moved.get_mut(i) {
+                Some(sum) => *sum += by,
+                None => moved.push(by),
+            }
+        }
         let offset = shot.position_mm + Vector2::from(circle.center_mm) - shot.burnt_mm;
         burns.push(ShotReport {
             image: shot.image.clone(),
@@ -135,7 +147,9 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
             "correct its burn_x_mm, burn_y_mm, x_mm or y_mm, or remove the row",
         ));
     }
-    average(burns)
+    let count = burns.len() as f64;
+    let plane_mm = |k: usize| moved.iter().map(|sum| (sum[k] / count).powi(2)).sum::<f64>().sqrt();
+    average(burns, [0, 1].map(|k| K95 * plane_mm(k)))
 }
 
 /// The burn whose offset is farthest from the median, and how far, where that is no scatter: [`FAR`] times what the
@@ -153,8 +167,8 @@ fn odd_one_out(burns: &[ShotReport]) -> Option<(usize, f64)> {
 }
 
 /// The mean of the burns' offsets. Its uncertainty is what the burns' scatter says (the machine's repeatability is in
-/// it), but no less than that of their centres.
-fn average(mut burns: Vec<ShotReport>) -> Result<Report> {
+/// it), but no less than that of their centres, and what the plane adds to all of them alike.
+fn average(mut burns: Vec<ShotReport>, plane_u95_mm: [f64; 2]) -> Result<Report> {
     let n = burns.len() as f64;
     if burns.is_empty() {
         return Err(Error::measure("burns", "there are none", "give at least one burn"));
@@ -165,7 +179,7 @@ fn average(mut burns: Vec<ShotReport>) -> Result<Report> {
         let measured = burns.iter().map(|b| b.center_u95_mm[k].powi(2)).sum::<f64>().sqrt() / n;
         let squares: f64 = burns.iter().map(|b| (b.offset_mm[k] - offset_mm[k]).powi(2)).sum();
         let scatter = if n > 1.0 { k95(n - 1.0) * (squares / (n - 1.0) / n).sqrt() } else { 0.0 };
-        measured.max(scatter)
+        measured.max(scatter).hypot(plane_u95_mm[k])
     });
     for b in &mut burns {
         b.residual_mm = [0, 1].map(|k| b.offset_mm[k] - offset_mm[k]);

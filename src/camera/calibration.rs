@@ -331,5 +331,8 @@ mod tests {
                 .unwrap();
         assert_eq!(calibration, again);
         assert!(calibration.view(1600, 1201).unwrap_err().to_string().contains("1600×1200"));
+        let negative = text.replacen("1e-8", "-1e-8", 1);
+        let refused = Calibration::from_file(tomlfile::parse("c.toml", &negative).unwrap());
+        assert_eq!(refused.unwrap_err().0, "plane.homography_covariance");
     }
 }

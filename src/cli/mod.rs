@@ -185,6 +185,15 @@ impl Status {
         }
     }
 
+    fn word(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::OutOfTolerance => "measured, not passed",
+            Self::SomeFailed => "some failed",
+            Self::BadInput => "nothing measured",
+        }
+    }
+
     fn code(self) -> ExitCode {
         ExitCode::from(self.number())
     }
@@ -247,8 +256,8 @@ pub fn run() -> ExitCode {
         format!("{:.3} s, {} threads", begun.elapsed().as_secs_f64(), rayon::current_num_threads());
     match status {
         Ok(status) => {
-            global.detail(format_args!("{status:?}: exit code {}, {took}", status.number()));
-            global.note(format_args!("ended: {status:?}"));
+            global.detail(format_args!("{}: exit code {}, {took}", status.word(), status.number()));
+            global.note(format_args!("ended: {}", status.word()));
             status.code()
         }
         Err(error) => {
