@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::fit::robust::median;
 use crate::hash;
 use crate::table::Table;
+use crate::uncertainty::last_digit;
 
 /// Lines named in a warning; the rest are counted.
 const MOST_LINES: usize = 10;
@@ -89,7 +90,7 @@ fn alike_by_chance(table: &Table, readings: &[&str]) -> bool {
     }
     // The chance that rounding makes two normal readings one: the last digit over 2 √π standard deviations.
     let chance = |(name, by): (&&str, &mut Vec<f64>)| {
-        let digit = last_digit(table, name);
+        let digit = last_digit(&table.column(name).unwrap_or_default());
         let sd = (by.iter().map(|b| b * b).sum::<f64>() / (2 * by.len()) as f64).sqrt();
         let same = (by.iter().filter(|b| **b == 0.0).count() as f64 + 0.5) / (by.len() + 1) as f64;
         if median(by) >= COARSE * digit {
@@ -108,13 +109,6 @@ fn alike_by_chance(table: &Table, readings: &[&str]) -> bool {
     };
     // Chernoff's bound of a Poisson count.
     alike <= expected || alike * (1.0 + (expected / alike).ln()) - expected > SELDOM.ln()
-}
-
-/// What the last digit of a column's numbers stands for.
-fn last_digit(table: &Table, name: &str) -> f64 {
-    let decimals = |row: usize| table.text(row, name).split(['.', ',']).nth(1).map_or(0, str::len);
-    let most = (0..table.rows()).map(decimals).max().unwrap_or(0);
-    0.1f64.powi(most as i32)
 }
 
 /// As [`rows_once`] for rows that each name a picture in the column `image`, with where it is: beside the table unless

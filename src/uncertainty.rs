@@ -39,11 +39,16 @@ pub fn scatters_more(seen: f64, dof: f64, told: f64) -> bool {
 /// Last digits that lengths in mm may have been rounded to. Coarser ones are of round numbers, not of a probe or an indicator.
 const COARSE_STEPS_MM: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
 
-/// Standard uncertainty of lengths by their last digit alone, mm: readings that agree to it tell no more.
-pub fn rounding_mm(readings: &[f64]) -> f64 {
+/// What the last digit of readings stands for, in their unit: 0 where it is too small to matter.
+pub fn last_digit(readings: &[f64]) -> f64 {
     let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
     let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
-    COARSE_STEPS_MM.iter().find(|step| rounded(step)).map_or(0.0, |step| step / 12.0f64.sqrt())
+    COARSE_STEPS_MM.into_iter().find(rounded).unwrap_or(0.0)
+}
+
+/// Standard uncertainty of lengths by their last digit alone, mm: readings that agree to it tell no more.
+pub fn rounding_mm(readings: &[f64]) -> f64 {
+    last_digit(readings) / 12.0f64.sqrt()
 }
 
 /// A value and its standard uncertainty, in the same unit.

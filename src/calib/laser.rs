@@ -15,6 +15,7 @@ use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::median;
 use crate::frame::Picture;
 use crate::measure::circles;
+use crate::measure::plane_errors::PlaneErrors;
 use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::{K95, k95};
@@ -46,7 +47,7 @@ pub struct ShotReport {
     pub image: String,
     /// The burn's centre in the plane.
     pub center_mm: [f64; 2],
-    /// Half-widths of its 95 % intervals.
+    /// Half-widths of its 95 % intervals, without what the plane adds to all burns.
     pub center_u95_mm: [f64; 2],
     /// The offset that this burn alone gives.
     pub offset_mm: [f64; 2],
@@ -110,25 +111,24 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
     above_zero("--diameter-mm", diameter_mm, "give the burns' diameter in mm")?;
     let options = circles::Options { expect_mm: vec![diameter_mm], channel: Default::default() };
     let mut burns = Vec::new();
-    // By each of the plane's errors, which are the same in all pictures.
-    let mut moved: Vec<Vector2<f64>> = Vec::new();
+    // The plane's errors are the same in all pictures: they do not average out.
+    let exact = calibration.as_exact();
+    let mut planes = Vec::new();
     for shot in shots {
         let subject = shot.path.display().to_string();
-        let measured = |picture: Picture| -> Result<(View, circles::Report)> {
+        let measured = |picture: Picture| -> Result<(View, circles::Measured)> {
             let (width, height) = picture.size();
             let view = calibration.view_of(&subject, width, height)?;
-            let seen = circles::measure(&picture, &calibration.as_exact(), &options, &subject);
-            Ok((view, seen.map_err(|e| e.of_option("--diameter-mm"))?.report))
+            let seen = circles::measure(&picture, &exact, &options, &subject);
+            Ok((view, seen.map_err(|e| e.of_option("--diameter-mm"))?))
         };
         let (view, seen) =
             Picture::read(&shot.path).and_then(measured).map_err(|e| e.on_line(shot.line))?;
-        let Some(circle) = seen.circles.first().map(|c| &c.circle) else { continue };
-        for (i, by) in view.plane_errors_mm(circle.center_mm.into()).enumerate() {
-            match moved.get_mut(i) {
-                Some(sum) => *sum += by,
-                None => moved.push(by),
-            }
-        }
+        let circles = seen.report.circles.iter().zip(&seen.rings);
+        let Some((circle, ring)) = circles.map(|(c, ring)| (&c.circle, ring)).next() else {
+            continue;
+        };
+        planes.push(PlaneErrors::of(&view, ring));
         let offset = shot.position_mm + Vector2::from(circle.center_mm) - shot.burnt_mm;
         burns.push(ShotReport {
             image: shot.image.clone(),
@@ -147,9 +147,8 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
             "correct its burn_x_mm, burn_y_mm, x_mm or y_mm, or remove the row",
         ));
     }
-    let count = burns.len() as f64;
-    let plane_mm = |k: usize| moved.iter().map(|sum| (sum[k] / count).powi(2)).sum::<f64>().sqrt();
-    average(burns, [0, 1].map(|k| K95 * plane_mm(k)))
+    let plane = PlaneErrors::mean(&planes).center_covariance(f64::INFINITY);
+    average(burns, [0, 1].map(|k| K95 * plane[(k, k)].sqrt()))
 }
 
 /// The burn whose offset is farthest from the median, and how far, where that is no scatter: [`FAR`] times what the

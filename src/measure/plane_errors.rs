@@ -44,6 +44,13 @@ impl PlaneErrors {
         Self(self.0.iter().zip(&other.0).map(|(own, other)| own - other).collect())
     }
 
+    /// What they do to the mean of circles, which are all moved by the same ones.
+    pub fn mean(circles: &[Self]) -> Self {
+        let errors = circles.first().map_or(0, |first| first.0.len());
+        let each = |i: usize| circles.iter().map(|c| c.0[i]).sum::<Vector3<f64>>();
+        Self((0..errors).map(|i| each(i) / circles.len() as f64).collect())
+    }
+
     /// The covariance to be added to one that is known with so many degrees of freedom, mm².
     pub fn covariance(&self, dof: f64) -> Matrix3<f64> {
         let sum: Matrix3<f64> = self.0.iter().map(|moved| moved * moved.transpose()).sum();
