@@ -1,10 +1,13 @@
 //! Strict CSV tables: named columns of numbers and words, errors that name file, line and column.
 
+mod header;
+
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use crate::error::{Error, Result, nearest};
+use crate::error::{Error, Result};
 use crate::input::{self, Lines};
+use header::Header;
 
 /// The most rows a table may have; a guard against feeding the wrong file.
 const MAX_ROWS: usize = 20_000_000;
@@ -216,100 +219,6 @@ impl Table {
     }
 }
 
-/// The line of names, and which are known.
-struct Header<'a> {
-    path: &'a Path,
-    line: u64,
-    required: &'a [&'a str],
-    optional: &'a [&'a str],
-}
-
-impl Header<'_> {
-    fn error(
-        &self,
-        field: impl Into<String>,
-        reason: impl Into<String>,
-        fix: impl Into<String>,
-    ) -> Error {
-        Error::field(self.path, Some(self.line), field, reason, fix)
-    }
-
-    fn known(&self) -> impl Iterator<Item = &str> {
-        self.required.iter().chain(self.optional).copied()
-    }
-
-    /// The columns' names; empty ones at the end are none.
-    fn names(&self, record: &csv::StringRecord) -> Result<Vec<String>> {
-        let mut names: Vec<String> = record.iter().map(str::to_owned).collect();
-        while names.last().is_some_and(String::is_empty) {
-            names.pop();
-        }
-        if names.is_empty() {
-            return Err(Error::file(
-                self.path,
-                "the file is empty",
-                format!("give it a header line with {}", self.required.join(",")),
-            ));
-        }
-        if let [only] = names.as_slice()
-            && let Some(separator) = only.chars().find(|c| [';', '\t', '|'].contains(c))
-        {
-            return Err(self.error(
-                "header",
-                format!("its columns are separated by {separator:?}"),
-                "save the file with commas between columns and a point as the decimal mark",
-            ));
-        }
-        Ok(names)
-    }
-
-    /// Where each name stands: all are known, once, and none is missing.
-    fn index(&self, names: &[String]) -> Result<HashMap<String, usize>> {
-        let mut index = HashMap::new();
-        for (i, name) in names.iter().enumerate() {
-            if name.is_empty() {
-                let reason = format!("its column {} has no name", i + 1);
-                return Err(self.error(
-                    "header",
-                    reason,
-                    "name it; one that begins with x_ is ignored",
-                ));
-            }
-            let is_known = self.known().any(|k| matches(k, name));
-            if !is_known && !name.starts_with("x_") && !name.starts_with("x-") {
-                return Err(self.unknown(name));
-            }
-            if index.insert(name.clone(), i).is_some() {
-                let column = format!("column '{name}'");
-                return Err(self.error(column, "stands twice in the header", "keep one of them"));
-            }
-        }
-        match self.required.iter().find(|k| !names.iter().any(|n| matches(k, n))) {
-            Some(missing) => Err(self.error(
-                format!("column '{missing}'"),
-                format!("is missing; the header has: {}", names.join(", ")),
-                "add the column",
-            )),
-            None => Ok(index),
-        }
-    }
-
-    fn unknown(&self, name: &str) -> Error {
-        // Another unit is no slip of the pen: renaming the column would not turn its numbers.
-        let unit = |name: &str| name.rsplit('_').next().unwrap_or("").to_lowercase();
-        let near = nearest(name, self.known()).filter(|near| unit(near) == unit(name));
-        let hint = near.map_or(String::new(), |near| format!("did you mean '{near}'? "));
-        self.error(
-            format!("column '{name}'"),
-            "is not known here",
-            format!(
-                "{hint}known columns: {}; begin the name with x_ to have it ignored",
-                self.known().collect::<Vec<_>>().join(", ")
-            ),
-        )
-    }
-}
-
 /// Checks that a row has as many fields as there are names; empty ones may follow.
 fn check_length(path: &Path, line: u64, record: &csv::StringRecord, names: usize) -> Result<()> {
     let mut filled = record.len();
@@ -327,16 +236,6 @@ fn check_length(path: &Path, line: u64, record: &csv::StringRecord, names: usize
     };
     let reason = format!("has {fields} fields where the header has {names}");
     Err(Error::field(path, Some(line), "row", reason, fix))
-}
-
-/// Whether `name` is `pattern`, where one `*` in the pattern stands for anything.
-fn matches(pattern: &str, name: &str) -> bool {
-    match pattern.split_once('*') {
-        None => pattern == name,
-        Some((head, tail)) => {
-            name.len() >= head.len() + tail.len() && name.starts_with(head) && name.ends_with(tail)
-        }
-    }
 }
 
 /// Where a record begins, seen from where the one before it ended: empty lines and comments are skipped.
