@@ -34,20 +34,20 @@ impl Data {
 
     /// Reads `b_deg,length_mm`, optionally `x_mm,z_mm,path,cup_y_mm,dir`. Where X or Z is missing the path tells it.
     pub fn read(file: impl AsRef<FilePath>, options: &Options) -> Result<Self> {
-        let table = Table::read(
+        let mut table = Table::read(
             file,
             &["b_deg", "length_mm"],
             &["x_mm", "z_mm", "path", "cup_y_mm", "dir"],
         )?;
+        let mut warnings = Vec::new();
+        repeats::measured_once(&mut table, &["length_mm"], &mut warnings);
         let (mut paths, mut points) = (Vec::<(String, Path)>::new(), Vec::new());
         let shifts = table.optional_column("cup_y_mm")?;
-        let mut warnings = Vec::new();
         warnings.extend(units::angles("b_deg", &table.column("b_deg")?));
         if let Some(dir) = table.optional_column("dir")? {
             table.check_directions("dir", &dir, &mut warnings)?;
         }
-        let rows = repeats::rows_once(&table, &mut warnings);
-        for &row in &rows {
+        for row in 0..table.rows() {
             let name = table.text(row, "path");
             let key = match &shifts {
                 Some(y) => format!("{name} {}", y[row]),
@@ -95,8 +95,7 @@ impl Data {
             };
             points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm });
         }
-        let lengths_mm =
-            rows.iter().map(|&row| table.number(row, "length_mm")).collect::<Result<Vec<_>>>()?;
+        let lengths_mm = table.column("length_mm")?;
         let bar = Bar::new(&options.setup)?;
         let gap = |points: &[Point]| -> Result<f64> {
             let nominal = bar.known(points, &[0.0; 6])?;

@@ -34,12 +34,11 @@ impl Sweep {
         Self::from_columns(Table::read(path, &["b_deg", "c_deg"], &Self::optional())?)
     }
 
-    /// As [`Sweep::read`], but the deviation must be there, and rows that stand twice count once.
+    /// As [`Sweep::read`], but the deviation must be there, and copies of rows count once.
     pub fn read_measured(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Self> {
         let required = ["b_deg", "c_deg", "dx_mm", "dy_mm", "dz_mm"];
         let mut table = Table::read(path, &required, &CONDITIONS)?;
-        let rows = repeats::rows_once(&table, warnings);
-        table.keep(&rows);
+        repeats::measured_once(&mut table, &DEVIATION, warnings);
         Self::from_columns(table)
     }
 
