@@ -71,6 +71,25 @@ fn ball_bar_cups_are_found_wherever_they_are() {
     }
 }
 
+/// A large tilt shows where the cup's own place cannot stand for it: a narrow valley, whose end the fit must reach.
+#[test]
+fn a_tilt_nearly_the_cups_own_is_fitted_to_the_noise() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR.replace("400.0", "200.0")).unwrap();
+    let plan = "ballbar simulate --path zb,zb-y150 --pivot-mm 200 --below-mm 200 --from-deg -45 --to-deg 45 --steps 240";
+    let errors = "--error A0B=0.48 --noise-mm 0.0004 --format csv --out data.csv";
+    let words: Vec<&str> = plan.split(' ').chain(errors.split(' ')).collect();
+    assert!(run(&words, folder).status.success());
+    let data = ["diagnose", "ballbar", "--model", "machine.toml", "--data", "data.csv"];
+    let output = run(&[&data[..], &["--noise-mm", "0.0004", "--format", "json"]].concat(), folder);
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+    assert!(class(&report).contains(&"b-axis-tilt-x"), "{}", report["effects"]);
+    let after = report["gap"]["after_rms_mm"].as_f64().unwrap();
+    assert!((3.8e-4..4.2e-4).contains(&after), "{}", report["gap"]);
+}
+
 /// A bar read on the way: errors that follow one another (correlation 0.6) are no effect, and hide none that is larger.
 #[test]
 fn a_bars_errors_may_follow_one_another() {

@@ -22,8 +22,10 @@ fn ruled_out(fitter: &Fitter) -> f64 {
 /// Sizes beyond so many typical ones no machine shows: an alias that would have to be as large is none.
 const ABSURD: f64 = 50.0;
 
-/// What is ruled out on the grid of its lags by no more than this may not be between them, nats.
+/// What is ruled out on the grid of its lags and about its size zero by no more than this may not be between them or at its full size:
+/// nats, and a share of what the named effect explains.
 const BETWEEN: f64 = 4.0;
+const CURVED: f64 = 0.05;
 
 /// How many times what an effect is likelier beforehand is needed to rule it out: a cause that is seen in the data is there, and only
 /// its form is not known.
@@ -78,7 +80,8 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
                 let beforehand = fitter.experiment.effects()[a.effect].beforehand;
                 let most = ruled_out(fitter) + SEEN * beforehand;
                 let mut deficit = own.evidence - s.evidence;
-                if (most..most + BETWEEN).contains(&deficit) {
+                let far = f64::max(BETWEEN, CURVED * own.evidence);
+                if (most..most + far).contains(&deficit) {
                     deficit -= refined(fitter, selection, i, &standing, &s);
                 }
                 if deficit > most {
@@ -120,12 +123,10 @@ pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<
     (as_likely && sane).then(|| [two[0].effect, two[1].effect])
 }
 
-/// What a form's lag or place, found between those of the grid, gains over its score on the grid in place of the effect `i`, nats.
+/// What an exact fit gains over the score of a form's columns in place of the effect `i`, nats: its lag between those of the grid, its
+/// full size.
 fn refined(fitter: &Fitter, s: &Selection, i: usize, standing: &Standing, score: &Score) -> f64 {
     let candidate = &s.library.candidates[score.candidate];
-    if candidate.shape_parameters == 0 {
-        return 0.0;
-    }
     let f = &s.fitted;
     let rest = remove(&f.model, Part::Effect(i));
     let other = fitter.fit(add(fitter, &rest, &candidate.who), Some(&f.noise));

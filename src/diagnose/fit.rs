@@ -79,6 +79,10 @@ pub struct Fitted {
 
 /// A step that lowers χ² by less moves no parameter by more than a thousandth of its standard error.
 const LEAST_DROP: f64 = 1e-6;
+/// Steps to the minimum: a few, but where a large effect is nearly what the baseline does the valley is narrow and bent.
+const MOST_STEPS: usize = 200;
+/// Steps after new weights.
+const MORE_STEPS: usize = 4;
 
 /// Fits models to one experiment.
 pub struct Fitter<'a> {
@@ -210,11 +214,11 @@ impl Fitter<'_> {
     /// Exact joint fit with the noise re-estimated; `noise` is where the search starts.
     pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
         let start = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
-        let (model, residual, tangent, noise) = self.fit_once(model, &start, 12);
+        let (model, residual, tangent, noise) = self.fit_once(model, &start, MOST_STEPS);
         // Without shared parts the weights do not depend on the noise: once is enough.
         let (model, residual, tangent, noise) = match noise.ratios.is_empty() {
             true => (model, residual, tangent, noise),
-            false => self.fit_once(model, &noise, 4),
+            false => self.fit_once(model, &noise, MORE_STEPS),
         };
         self.finish(model, residual, tangent, noise)
     }
