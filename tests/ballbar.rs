@@ -130,6 +130,9 @@ fn the_plan_moves_at_constant_speed_and_bad_input_is_named() {
     let data = dir.path().join("d.csv");
     std::fs::write(&data, "b_deg,length_mm\n0,0.001\n-1,0.002\n").unwrap();
     let data = data.to_str().unwrap();
+    let misspelt = dir.path().join("m.csv");
+    std::fs::write(&misspelt, "path,cup_y_mm,b_deg,length_mm\nzbk-y15O,-150,0,400\n").unwrap();
+    let misspelt = misspelt.to_str().unwrap();
     for (args, words) in [
         (&["plan", "--path", "yb"][..], "'yb'"),
         (&["plan", "--to-deg", "-95", "--path", "zbk-y150"], "does not reach"),
@@ -137,6 +140,7 @@ fn the_plan_moves_at_constant_speed_and_bad_input_is_named() {
         (&["simulate", "--error", "Q0B=1"], "Q0B"),
         (&["decouple", "--data", data], "whole length of the bar"),
         (&["decouple", "--data", data, "--path", "2"], "NAME=PATH"),
+        (&["decouple", "--data", misspelt], "y15O"),
     ] {
         let out = ballbar(args);
         let message = String::from_utf8(out.stderr).unwrap();

@@ -201,6 +201,42 @@ fn a_b_that_counts_the_other_way_has_the_same_names() {
     assert!(told && effects.len() == 2, "{effects:?}");
 }
 
+fn run(arguments: &[&str]) {
+    let output = assert_cmd::Command::cargo_bin("pivotsight").unwrap().args(arguments).output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// Sizes of one form add up, exponents do not: the written model predicts what was measured.
+#[test]
+fn an_effect_of_the_model_is_corrected_by_what_is_found_beside_it() {
+    let lens = |x_mm: f64| {
+        format!(
+            "{BAR}[[effects]]\nname = \"thermal-lens\"\nparameters = {{ exponent = 2.0, x_mm_at_kw = {x_mm} }}\n"
+        )
+    };
+    let mut plan = String::from("height_mm,power_w,b_deg,dx_mm,dy_mm\n");
+    for k in 0..80 {
+        let (height, power) = ([20.0, 50.0, 90.0][k % 3], 500 * (1 + k * 3 % 8));
+        writeln!(plan, "{height},{power},{},0,0", 15 * (k as i32 * 5 % 13) - 90).unwrap();
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| -> String { folder.path().join(name).to_str().unwrap().into() };
+    let [real, data, found] = ["real.toml", "data.csv", "found.toml"].map(path);
+    std::fs::write(&real, lens(0.005)).unwrap();
+    std::fs::write(&data, plan).unwrap();
+    let noise = ["--noise-mm", "0.0005", "--format", "csv", "--out", &found];
+    run(&[&["simulate", "burn", "--model", &real, "--data", &data][..], &noise].concat());
+    let csv = std::fs::read_to_string(&found).unwrap();
+    let (report, _) =
+        diagnose("burn", &csv, Some(("--model", &lens(0.003))), &["--write-model", &found]);
+    assert_eq!(report["effects"][0]["name"], "thermal-lens", "{report}");
+    let written = std::fs::read_to_string(&found).unwrap();
+    assert_eq!(written.matches("thermal-lens").count(), 2, "{written}");
+    let (report, _) = diagnose("burn", &csv, Some(("--model", &written)), &[]);
+    assert_eq!(report["verdict"], "consistent", "{}", report["effects"]);
+}
+
 /// A screw's error is seldom a pure wave: its second is its own, and a second run on the written model finds nothing.
 #[test]
 fn a_screw_with_a_second_wave_is_named_once() {
@@ -213,11 +249,6 @@ fn a_screw_with_a_second_wave_is_named_once() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| -> String { folder.path().join(name).to_str().unwrap().into() };
     let [real, plan, data, found] = ["real.toml", "plan.csv", "data.csv", "found.toml"].map(path);
-    let run = |arguments: &[&str]| {
-        let output = assert_cmd::Command::cargo_bin("pivotsight").unwrap().args(arguments).output();
-        let output = output.unwrap();
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    };
     std::fs::write(&real, format!("{machine}{}{}", cycle(0.001, 10.0), cycle(0.0003, 5.0)))
         .unwrap();
     run(&["ballbar", "plan", "--steps", "300", "--format", "csv", "--out", &plan]);

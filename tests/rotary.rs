@@ -211,6 +211,35 @@ fn controls_get_their_tables_in_their_own_sense() {
     assert!((steps[0] + absolute[2]).abs() < 1e-9 && absolute[2].abs() > 1e-4, "{absolute:?}");
 }
 
+/// 0.2 mm at 20°, 600 mm from the axis, is 0.019099°: a table of steps of 0.01° corrects 0.02°, one of points 40° apart nothing.
+#[test]
+fn what_is_expected_is_what_the_controls_table_leaves() {
+    let dir = tempfile::tempdir().unwrap();
+    let input = dir.path().join("s.csv");
+    let rows = "angle_deg,deviation_mm\n0,0\n10,0.1\n20,0.2\n30,0.1\n40,0\n";
+    std::fs::write(&input, rows).unwrap();
+    let expected = |arguments: &str| {
+        let mut command = rotary();
+        command.arg(&input).args(["--pivot-mm", "600", "--noise-mm", "0.001", "--format", "json"]);
+        let table = dir.path().join("table");
+        let out = command.arg("--table").arg(&table).args(arguments.split(' ')).output().unwrap();
+        let json: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+        let left = json["summary"]["after_table_max_mm"].as_f64().unwrap();
+        (left, json["warnings"].to_string().contains("the table as written leaves"))
+    };
+    // FANUC's table has whole steps of -7 to 7.
+    let (left, _) = expected("--control fanuc");
+    assert!((0.004..0.006).contains(&left), "{left}");
+    for control in ["csv", "siemens", "linuxcnc"] {
+        let (left, told) = expected(&format!("--control {control}"));
+        assert!(left < 6e-4 && !told, "{control}: {left}");
+        let (left, told) = expected(&format!("--control {control} --resolution-deg 0.01"));
+        assert!((left - 0.0094).abs() < 5e-4 && told, "{control}: {left}");
+    }
+    let (left, told) = expected("--control csv --step-deg 40");
+    assert!((left - 0.2).abs() < 1e-3 && told, "{left}");
+}
+
 #[test]
 fn old_tables_are_read_in_either_sense_and_as_steps() {
     let base = "angle_deg,deviation_mm,comp_deg\n-10,0.02,";
@@ -252,6 +281,16 @@ fn bad_input_is_named_and_measures_nothing() {
             "angle_deg,deviation_mm\n0,0.01\n",
             &["--pivot-mm", "600", "--table", "t.csv"],
             "--step-deg",
+        ),
+        (
+            "angle_deg,deviation_mm\n5,0.01\n",
+            &["--pivot-mm", "600", "--table", "t.csv", "--step-deg", "1"],
+            "no two angles",
+        ),
+        (
+            "angle_deg,deviation_mm\n0,0.01\n",
+            &["--pivot-mm", "600", "--reference-point", "4294967295"],
+            "--reference-point",
         ),
         (
             "angle_deg,deviation_mm\n0,0.01\n5,0.01\n9.8,0.01\n15,0.01\n",

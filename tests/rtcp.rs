@@ -178,6 +178,27 @@ fn every_control_gets_the_vectors_and_no_unmarked_guess() {
 }
 
 #[test]
+fn a_plan_stays_within_the_limits_of_an_axis() {
+    let folder = Folder::new();
+    for ([low, high], spread) in [([-360, 0], 300.0), ([-180, 180], 300.0), ([-500, 500], 330.0)] {
+        let machine = format!("{NEW}[axes.C]\nlimits_deg = [{low}.0, {high}.0]\n");
+        folder.put("limited.toml", &machine);
+        let (code, _, err) = folder.run("verify --machine limited.toml --plan limited");
+        assert_eq!(code, 0, "{err}");
+        let csv = std::fs::read_to_string(folder.path("limited/poses.csv")).unwrap();
+        let c = csv.lines().skip(1).map(|l| l.split(',').nth(1).unwrap().parse::<f64>().unwrap());
+        let [least, most] =
+            c.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], c| [a.min(c), b.max(c)]);
+        // The program drives there from 4° beside it.
+        assert!(least > f64::from(low) + 4.0 && most < f64::from(high) - 4.0, "{least} {most}");
+        assert!(most - least > spread && most - least < 360.0, "{least} {most}");
+    }
+    folder.put("tight.toml", &format!("{NEW}[axes.C]\nlimits_deg = [-3.0, 3.0]\n"));
+    let (code, _, err) = folder.run("verify --machine tight.toml --plan tight");
+    assert!(code == 2 && err.contains("C has no room") && !folder.path("tight").exists(), "{err}");
+}
+
+#[test]
 fn a_difference_names_what_changes_and_nothing_else() {
     let folder = Folder::new();
     let (_, json) = folder.json("export --machine new.toml --control fanuc --diff old.toml");

@@ -60,9 +60,12 @@ impl Data {
                     let mut path = match (given, name, &shifts) {
                         (Some(path), ..) => path,
                         (None, "", _) => Path::SOURCE,
-                        (None, _, None) => Path::parse(name)
+                        // A name of one's own does where the columns say all that a path does.
+                        (None, _, Some(_)) if table.has("x_mm") && table.has("z_mm") => {
+                            Path::parse(name).unwrap_or(Path::SOURCE)
+                        }
+                        (None, ..) => Path::parse(name)
                             .map_err(|e| e.in_file(table.path(), Some(table.line(row))))?,
-                        (None, ..) => Path::parse(name).unwrap_or(Path::SOURCE),
                     };
                     if let Some(y) = &shifts {
                         path.cup_y_mm = y[row];

@@ -17,6 +17,8 @@ pub(super) struct Horizon {
 const LEAST_SLOPE: f64 = 0.3;
 /// Part of the frame's half diagonal by which its corners are exceeded: edges are looked for a little outside.
 const MARGIN: f64 = 1.05;
+/// Steps from the axis to the frame's corner.
+const STEPS: f64 = 200.0;
 
 impl Horizon {
     /// Of a lens; `None` where its polynomial never turns back.
@@ -31,9 +33,13 @@ impl Horizon {
                 ((u - lens.cx_px) / lens.fx_px).hypot((v - lens.cy_px) / lens.fy_px) * MARGIN
             })
             .fold(0.0, f64::max);
-        // Steps fine beside the frame, up to where no camera looks.
-        let step = corner / 200.0;
-        let radii = (1..).map(|i| f64::from(i) * step).take_while(|r| *r < 10.0);
+        if [k1, k2, k3] == [0.0; 3] || corner <= 0.0 {
+            return None;
+        }
+        // Steps fine beside the frame, then growing, up to where no camera looks.
+        let step = corner / STEPS;
+        let next = |r: &f64| Some(r + step.max(r / STEPS));
+        let radii = std::iter::successors(Some(step), next).take_while(|r| *r < 10.0);
         let mut last = None;
         for radius in radii {
             let grows = slope(radius);

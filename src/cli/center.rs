@@ -88,7 +88,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     })?;
     terminal.end();
     let report = &made.report;
-    let mut warnings = Vec::new();
+    let mut warnings: Vec<String> = calibration.doubt().into_iter().collect();
     if report.verdict == Verdict::Undecided && args.tolerance_mm.is_none() {
         warnings.push(if report.frames_used < center::LEAST_FRAMES {
             format!(

@@ -47,7 +47,7 @@ pub struct Args {
     #[arg(long, default_value = "B")]
     axis: String,
     /// The axis' number (FANUC)
-    #[arg(long, value_name = "N", default_value_t = 4)]
+    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     axis_number: u32,
     /// Least step of a table entry
     #[arg(long, value_name = "DEG", default_value_t = 0.0001)]
@@ -56,7 +56,7 @@ pub struct Args {
     #[arg(long, value_name = "DEG")]
     step_deg: Option<f64>,
     /// Number of the table point at the reference position (FANUC)
-    #[arg(long, value_name = "N", default_value_t = 100)]
+    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(0..=1535))]
     reference_point: u32,
     /// Write rotary.svg to DIR
     #[arg(long, value_name = "DIR")]
@@ -90,6 +90,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             reference_deg: args.reference_deg,
         };
         global.write(path, export::text(&report, &table)?.as_bytes())?;
+        report.expect(&export::as_written(&report, &table)?);
         if let Some(left_deg) = export::left_at_reference_deg(&report, &table)? {
             report.warnings.push(format!(
                 "a table of steps is zero at the reference position, {}°: shift the axis by {left_deg:+.4}° there, or that much of the \

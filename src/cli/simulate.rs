@@ -103,6 +103,9 @@ fn source(args: &Args) -> Source {
     }
 }
 
+/// Columns of names, which may look like numbers.
+const LABELS: [&str; 3] = ["axis", "capture", "path"];
+
 /// Kinds whose whole prediction comes from the effects library.
 fn other(args: &Args, global: &Global) -> Result<Outcome> {
     let source = source(args);
@@ -120,8 +123,9 @@ fn other(args: &Args, global: &Global) -> Result<Outcome> {
             let mut row = Map::new();
             for name in table.names() {
                 let cell = table.text(r, name);
-                let value = cell.parse::<f64>().map_or_else(|_| cell.into(), Value::from);
-                row.insert(name.clone(), value);
+                let is_text = global.format == Format::Csv || LABELS.contains(&name.as_str());
+                let number = cell.parse::<f64>().ok().filter(|_| !is_text);
+                row.insert(name.clone(), number.map_or_else(|| cell.into(), Value::from));
             }
             for (name, values) in &columns {
                 row.insert((*name).to_owned(), values[r].into());

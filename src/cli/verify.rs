@@ -137,7 +137,7 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path, global: &Global) -> Re
     if !(4..=10_000).contains(&args.poses) {
         return Err(Error::option("--poses", format!("is {}", args.poses), "give 4 to 10000"));
     }
-    let plan = plan::poses(&machine.chain()?, args.poses);
+    let plan = plan::poses(&machine.chain()?, args.poses)?;
     let files = [
         ("poses.csv", plan::csv(&plan)),
         ("sweep.nc", plan::gcode(&plan, target.position_mm, args.control)),

@@ -1,22 +1,22 @@
 //! The model file: what was found, added to `machine.toml`: named effects with their parameters, shapes without a name as formulas.
 
-use std::collections::BTreeMap;
-
 use crate::diagnose::report::{NamedEffect, Report, Unnamed};
 use crate::machine::{Effect, Machine};
 
-/// The machine with the report's named effects added. An effect that is already there in the same form is corrected: its
-/// parameters add up, those that belong to the form (lags, pitches, switches) are replaced. What has a shape but no name is added
-/// as a formula, so that the model predicts it all the same.
+/// The machine with the report's named effects added. An effect that is already there in the same form is corrected: its sizes add
+/// up. One with a lag, pitch or exponent of its own stands beside it. What has a shape but no name is added as a formula, so that
+/// the model predicts it all the same.
 pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
     let mut machine = machine.clone();
     for named in &report.effects {
-        let same = |e: &&mut Effect| {
-            e.name == named.name && e.parameters.keys().eq(named.parameters.keys())
-        };
-        match machine.effects.iter_mut().find(same) {
+        let sizes = |key: &&String| !named.form_parameters.contains(key);
+        match machine.effects.iter_mut().find(|e| same_form(e, named)) {
             Some(old) => {
-                add(&mut old.parameters, named);
+                for key in named.parameters.keys().filter(sizes) {
+                    if let Some(size) = old.parameters.get_mut(key) {
+                        *size += named.parameters[key];
+                    }
+                }
                 old.parameters_u95 = named.parameters_u95.clone();
             }
             None => machine.effects.push(Effect {
@@ -68,11 +68,11 @@ fn unnamed(machine: &Machine, kind: &str, shape: &Unnamed, formula: &str) -> Eff
     }
 }
 
-fn add(old: &mut BTreeMap<String, f64>, named: &NamedEffect) {
-    for (key, value) in &named.parameters {
-        let fitted = named.parameters_u95.contains_key(key);
-        let form = ["lag_s", "rise_s", "pitch_mm"].contains(&key.as_str());
-        let slot = old.entry(key.clone()).or_insert(0.0);
-        *slot = if fitted && !form { *slot + value } else { *value };
-    }
+/// Whether an effect of the machine has the form that was found: the same parameters, and the same lags, pitches and exponents. A
+/// fitted one is never quite the same, and its size goes with it.
+fn same_form(old: &Effect, named: &NamedEffect) -> bool {
+    let alike = |key: &String| old.parameters[key] == named.parameters[key];
+    old.name == named.name
+        && old.parameters.keys().eq(named.parameters.keys())
+        && named.form_parameters.iter().all(alike)
 }

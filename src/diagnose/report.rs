@@ -44,6 +44,9 @@ pub struct NamedEffect {
     pub parameters: BTreeMap<String, f64>,
     /// Half-widths of their 95 % intervals.
     pub parameters_u95: BTreeMap<String, f64>,
+    /// Those of the form (lags, pitches, exponents, switches): two effects of one name add up only where these agree.
+    #[serde(skip)]
+    pub form_parameters: Vec<String>,
     /// Share of the gap's mean square.
     pub share_percent: f64,
     /// Chance of as much evidence from noise.

@@ -244,8 +244,10 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
         .enumerate()
         .map(|(i, a)| {
             let info = &effects[a.effect];
-            let form = info.forms[a.form].iter().zip(&a.values);
-            let parameters = form.map(|(p, v)| (p.name.to_string(), *v)).collect();
+            let form = &info.forms[a.form];
+            let values = form.iter().zip(&a.values);
+            let parameters = values.map(|(p, v)| (p.name.to_string(), *v)).collect();
+            let of_form = form.iter().filter(|p| !p.grid.is_empty());
             let along = beside(&contribution(fitter, &f.model, Part::Effect(i))).dot(&gap);
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
             let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
@@ -270,6 +272,7 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
                     .collect(),
                 parameters,
                 parameters_u95: sizes_u95[i].clone(),
+                form_parameters: of_form.map(|p| p.name.to_string()).collect(),
                 share_percent: (100.0 * along / gap2).clamp(0.0, 100.0),
                 p_value: (ln_p + s.library_tests.ln()).min(0.0).exp(),
                 weight: 1.0 / total,

@@ -32,9 +32,14 @@ const MOST_MM: f64 = 1e6;
 impl Position {
     /// Reads `X Y [C]`, as an operator types it.
     pub fn parse(line: &str) -> Result<Self> {
-        // Among blanks a comma between digits is a decimal mark: 3,5 4 is not X 3 Y 5 C 4.
-        let blanks = line.split_whitespace().filter(|w| !w.ends_with([',', ';'])).count() > 1;
-        let between = |c: char| c.is_whitespace() || (!blanks && (c == ',' || c == ';'));
+        // Beside blanks or semicolons a comma between digits is a decimal mark: 3,5 4 is not X 3 Y 5 C 4.
+        let apart = |c: char| c.is_whitespace() || c == ';';
+        let tight = line
+            .as_bytes()
+            .windows(3)
+            .any(|w| w[1] == b',' && w[0].is_ascii_digit() && w[2].is_ascii_digit());
+        let commas = !(tight && line.trim().contains(apart));
+        let between = |c: char| apart(c) || (commas && c == ',');
         let words: Vec<&str> = line.split(between).filter(|w| !w.is_empty()).collect();
         let numbers: Vec<f64> = words.iter().map_while(|w| w.parse().ok()).collect();
         match numbers[..] {
@@ -179,7 +184,8 @@ mod tests {
         );
         assert_eq!(Position::parse("1,2").unwrap().c_deg, 0.0);
         assert_eq!(Position::parse("1, 2").unwrap().y_mm, 2.0);
-        for bad in ["", "1", "1 2 3 4", "1 x", "nan 2", "3,5 4"] {
+        assert_eq!(Position::parse("1.5; 2; 3").unwrap().c_deg, 3.0);
+        for bad in ["", "1", "1 2 3 4", "1 x", "nan 2", "3,5 4", "3,5, 4", "12,5; 7"] {
             assert!(Position::parse(bad).is_err(), "{bad}");
         }
     }

@@ -180,7 +180,7 @@ fn report(
     let report = Report {
         ring: CircleReport::of(&ring, &planes[0]),
         spot: CircleReport::of(&spot, &planes[1]),
-        offset: Offset::judge(apart, covariance, dof, options),
+        offset: Offset::judge(apart, covariance, plane, dof, options),
         budget: {
             // Along the offset, which is the way that counts for the distance.
             let along = apart.try_normalize(0.0).unwrap_or_else(Vector2::x);

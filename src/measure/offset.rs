@@ -46,6 +46,9 @@ pub struct Offset {
     pub offset_u95_mm: [f64; 2],
     /// Its covariance.
     pub offset_cov_mm2: [[f64; 2]; 2],
+    /// The part of it that is the calibration's: the same in all pictures of the camera, so that no mean lessens it.
+    #[serde(default)]
+    pub offset_calibration_cov_mm2: [[f64; 2]; 2],
     /// Distance between the centres.
     pub distance_mm: f64,
     /// Half-width of its 95 % interval.
@@ -65,14 +68,20 @@ pub struct Offset {
 }
 
 impl Offset {
-    /// Judges an offset with its covariance, known with so many degrees of freedom.
+    /// Judges an offset with its covariance, known with so many degrees of freedom, and the part of it that is the calibration's.
     pub(super) fn judge(
         offset: Vector2<f64>,
         covariance: Matrix2<f64>,
+        of_calibration: Matrix2<f64>,
         dof: f64,
         options: &Options,
     ) -> Self {
         let k = k95(dof);
+        // As normal distributions of the same 95 % intervals.
+        let stated = |c: Matrix2<f64>| {
+            let c = c * (k / K95).powi(2);
+            [[c[(0, 0)], c[(0, 1)]], [c[(1, 0)], c[(1, 1)]]]
+        };
         let (distance_mm, distance_u95_mm) = distance(offset, covariance, dof);
         let factor = match options.tolerance_kind {
             ToleranceKind::Distance => 1.0,
@@ -83,11 +92,8 @@ impl Offset {
         Self {
             offset_mm: offset.into(),
             offset_u95_mm: u95,
-            offset_cov_mm2: [
-                [covariance[(0, 0)], covariance[(0, 1)]],
-                [covariance[(1, 0)], covariance[(1, 1)]],
-            ]
-            .map(|row| row.map(|v| v * (k / K95).powi(2))),
+            offset_cov_mm2: stated(covariance),
+            offset_calibration_cov_mm2: stated(of_calibration),
             distance_mm,
             distance_u95_mm,
             zone_mm: 2.0 * distance_mm,
@@ -132,8 +138,9 @@ impl Mean {
 }
 
 /// The mean of burn tests at one setting, each weighted by its covariance; where they lie farther apart than their
-/// uncertainties say, the mean's are larger by as much (Birge's ratio). Each test needs a fresh place on the plate: what
-/// disturbs all of them alike is not averaged away.
+/// uncertainties say, the mean's are larger by as much (Birge's ratio), and where they do not agree it is they that tell it. The
+/// calibration's part is common to all. Each test needs a fresh place on the plate: what disturbs all of them alike is not
+/// averaged away.
 ///
 /// # Errors
 /// Fewer than two tests, or one whose covariance is not one.
@@ -151,11 +158,14 @@ pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
             Error::measure("the mean", "an offset's covariance is not one", "measure it again")
         })
     };
+    let matrix = |[[xx, xy], [yx, yy]]: [[f64; 2]; 2]| Matrix2::new(xx, xy, yx, yy);
     let (mut weight, mut sum) = (Matrix2::zeros(), Vector2::zeros());
     let mut weights = Vec::new();
+    let mut common = Matrix2::zeros();
     for test in tests {
-        let [[xx, xy], [yx, yy]] = test.offset_cov_mm2;
-        let w = inverse(Matrix2::new(xx, xy, yx, yy))?;
+        let of_calibration = matrix(test.offset_calibration_cov_mm2);
+        common += of_calibration / tests.len() as f64;
+        let w = inverse(matrix(test.offset_cov_mm2) - of_calibration)?;
         weight += w;
         sum += w * Vector2::from(test.offset_mm);
         weights.push(w);
@@ -165,13 +175,16 @@ pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
     let apart = |t: &Offset| Vector2::from(t.offset_mm) - offset;
     let chi2: f64 = tests.iter().zip(&weights).map(|(t, w)| apart(t).dot(&(w * apart(t)))).sum();
     let others = tests.len() - 1;
-    let spread = (chi2 / (2 * others) as f64).sqrt();
-    let covariance = covariance * spread.max(1.0).powi(2);
+    let dof = (2 * others) as f64;
+    let spread = (chi2 / dof).sqrt();
+    let p_agree = ln_chi2_tail(chi2, dof).exp();
+    let few = if p_agree < DISAGREE { (k95(dof) / K95).powi(2) } else { 1.0 };
+    let covariance = covariance * spread.max(1.0).powi(2) * few + common;
     Ok(Mean {
         tests: tests.len(),
-        offset: Offset::judge(offset, covariance, f64::INFINITY, options),
+        offset: Offset::judge(offset, covariance, common, f64::INFINITY, options),
         spread,
-        p_agree: ln_chi2_tail(chi2, (2 * others) as f64).exp(),
+        p_agree,
     })
 }
 
@@ -209,7 +222,8 @@ mod tests {
                 let root = Matrix2::new(a, 0.0, b, c);
                 let normal = Vector2::from_fn(|_, _| StandardNormal.sample(rng));
                 let covariance = root * root.transpose();
-                Offset::judge(truth + root * normal, covariance, 1e6, &Options::default())
+                let none = Matrix2::zeros();
+                Offset::judge(truth + root * normal, covariance, none, 1e6, &Options::default())
             })
             .into();
         tests[2].offset_mm[0] += by_hand_mm;
@@ -240,5 +254,34 @@ mod tests {
         let m = mean(&turned, &Options::default()).unwrap();
         assert!(m.spread > 3.0 && m.warning().unwrap().contains("turned"), "{m:?}");
         assert!(mean(&turned[..1], &Options::default()).is_err());
+    }
+
+    #[test]
+    fn no_mean_lessens_the_calibrations_part() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(6);
+        let (own, common) = (1e-3, 3e-3);
+        let square = |sd: f64| Matrix2::from_diagonal_element(sd * sd);
+        let mut held = 0;
+        const CASES: usize = 2000;
+        for _ in 0..CASES {
+            let mut drawn = || -> f64 { StandardNormal.sample(&mut rng) };
+            let mut normal = |sd: f64| Vector2::from_fn(|_, _| sd * drawn());
+            let shared = normal(common);
+            let test = |_| {
+                let covariance = square(own) + square(common);
+                Offset::judge(
+                    shared + normal(own),
+                    covariance,
+                    square(common),
+                    1e6,
+                    &Options::default(),
+                )
+            };
+            let m =
+                mean(&(0..6).map(test).collect::<Vec<_>>(), &Options::default()).unwrap().offset;
+            held += (0..2).filter(|i| m.offset_mm[*i].abs() <= m.offset_u95_mm[*i]).count();
+        }
+        let share = held as f64 / (2 * CASES) as f64;
+        assert!((0.94..0.965).contains(&share), "{share}");
     }
 }

@@ -25,6 +25,11 @@ impl Curve {
         (!points.is_empty()).then_some(Self { points, modulo: report.modulo })
     }
 
+    /// An open curve through points of rising angle, at least one.
+    pub(super) fn through(points: Vec<(f64, f64)>) -> Self {
+        Self { points, modulo: false }
+    }
+
     /// The value at any angle.
     pub fn at(&self, angle_deg: f64) -> f64 {
         let last = self.points.len() - 1;
@@ -64,7 +69,8 @@ impl Curve {
                 ("angle_deg", format!("the smallest step between the measured angles, {step:.6}°,"))
             }
         };
-        if !(step.is_finite() && step > 0.0) {
+        let alone = self.points.len() < 2 && !self.modulo;
+        if alone || !(step.is_finite() && step > 0.0) {
             return Err(Error::option(
                 from,
                 "the sweep has no two angles to take a step from, or the step is not above 0",

@@ -7,7 +7,7 @@
 use std::fmt::Write;
 
 use super::curve::Curve;
-use super::{Direction, Report};
+use super::{Direction, Report, Row};
 use crate::error::{Error, Result, above_zero};
 
 /// For which control a table is written.
@@ -79,9 +79,66 @@ impl Grid {
         self.angles.iter().position(|a| (a - options.reference_deg).abs() < 1e-6 * self.step())
     }
 
+    /// Mean of (down - up), degrees; none where directions are not told.
+    fn reversal(&self) -> Option<f64> {
+        let down = self.down.as_ref()?;
+        Some(down.iter().zip(&self.up).map(|(d, u)| d - u).sum::<f64>() / down.len() as f64)
+    }
+
+    /// FANUC: entries are whole numbers from -7 to 7 of this many detection units.
+    fn magnification(&self, options: &Options) -> f64 {
+        let columns = std::iter::once(&self.up).chain(&self.down);
+        let steps = columns.flat_map(|v| v.windows(2).map(|w| (w[1] - w[0]).abs()));
+        let largest = steps.fold(0.0, f64::max);
+        (largest / options.resolution_deg / 7.0 - 1e-9).ceil().max(1.0)
+    }
+
+    /// The table as the control holds it.
+    fn in_steps(mut self, options: &Options) -> Self {
+        let r = options.resolution_deg;
+        match options.control {
+            Control::Csv | Control::Linuxcnc => self.each(|v| rounded(v, r)),
+            Control::Siemens => {
+                // One table for both directions; the mean reversal is a machine datum of its own.
+                if let (Some(reversal), Some(down)) = (self.reversal(), &mut self.down) {
+                    let half = 0.5 * rounded(reversal, r);
+                    for (u, d) in self.up.iter_mut().zip(down) {
+                        let mean = rounded(0.5 * (*u + *d), r);
+                        (*u, *d) = (mean - half, mean + half);
+                    }
+                } else {
+                    self.each(|v| rounded(v, r));
+                }
+            }
+            Control::Fanuc => {
+                let unit = self.magnification(options) * r;
+                let zero = self.at_reference(options).map_or(0.0, |at| self.up[at]);
+                self.each(|v| zero + rounded(v - zero, unit));
+            }
+        }
+        self
+    }
+
+    fn each(&mut self, change: impl Fn(f64) -> f64) {
+        self.up.iter_mut().chain(self.down.iter_mut().flatten()).for_each(|v| *v = change(*v));
+    }
+
     fn ends(&self) -> (f64, f64) {
         (self.angles[0], self.angles[self.angles.len() - 1])
     }
+}
+
+/// What the written table adds at each row's angle, degrees: its points in the control's steps and straight lines between them.
+pub fn as_written(report: &Report, options: &Options) -> Result<Vec<f64>> {
+    let Grid { angles, up, down } = Grid::of(report, options)?.in_steps(options);
+    let curve = |values: Vec<f64>| Curve::through(angles.iter().copied().zip(values).collect());
+    let (up, down) = (curve(up), down.map(curve));
+    let turn = |angle: f64| if report.modulo { angle.rem_euclid(360.0) } else { angle };
+    let entry = |row: &Row| match (&down, row.dir) {
+        (Some(down), Some(Direction::Down)) => down.at(turn(row.angle_deg)),
+        _ => up.at(turn(row.angle_deg)),
+    };
+    Ok(report.rows.iter().map(entry).collect())
 }
 
 /// The part of the correction that a table of steps cannot hold, degrees: at the reference position it is zero. `None` where
@@ -176,10 +233,8 @@ fn siemens(grid: &Grid, modulo: bool, options: &Options) -> String {
         grid.angles.len()
     );
     let mut values = grid.up.clone();
-    if let Some(down) = &grid.down {
+    if let (Some(down), Some(reversal)) = (&grid.down, grid.reversal()) {
         values.iter_mut().zip(down).for_each(|(u, d)| *u = 0.5 * (*u + d));
-        let reversal =
-            down.iter().zip(&grid.up).map(|(d, u)| d - u).sum::<f64>() / down.len() as f64;
         let _ = writeln!(
             out,
             "; values are the mean of both directions; mean reversal {}: add it to MD32450 $MA_BACKLASH[0]",
@@ -251,16 +306,11 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
             "give a larger number",
         )
     })?;
-    let largest = std::iter::once(&up)
-        .chain(&down)
-        .flat_map(|v| v.windows(2).map(|w| (w[1] - w[0]).abs()))
-        .fold(0.0, f64::max);
-    let units = largest / options.resolution_deg;
-    let magnification = (units / 7.0 - 1e-9).ceil().max(1.0);
+    let magnification = grid.magnification(options);
     if magnification > 100.0 {
         return Err(Error::option(
             "--resolution-deg",
-            format!("a step of {units:.0} units needs a magnification above 100"),
+            format!("its largest step needs a magnification of {magnification}, above 100"),
             "give the control's detection unit, or a smaller --step-deg",
         ));
     }

@@ -28,7 +28,7 @@ pub struct Row {
     pub comp_old_deg: f64,
     /// The new entry.
     pub comp_new_deg: f64,
-    /// The deviation the new entry leaves, if the axis repeats.
+    /// The deviation the new entry leaves, if the axis repeats: where a table is written, as the control holds it.
     pub predicted_deviation_mm: f64,
     /// Half-width of the 95 % interval for the next reading around it.
     pub predicted_u95_mm: Option<f64>,
@@ -96,13 +96,12 @@ impl Summary {
             (length * (r.error_deg - moved).to_radians().tan()).abs()
         });
         let known = noise.source != NoiseSource::Unknown;
+        let [after_max_mm, after_table_max_mm] = after(rows);
         Self {
             pivot_mm: length,
             before_max_mm: max(&|r| r.deviation_mm.abs()),
-            after_max_mm: max(&|r| {
-                r.predicted_deviation_mm.abs() + r.predicted_u95_mm.unwrap_or(0.0)
-            }),
-            after_table_max_mm: max(&|r| r.predicted_deviation_mm.abs()),
+            after_max_mm,
+            after_table_max_mm,
             reversal_deg: reversal(rows),
             noise_mm: known.then_some(noise.reading_mm),
             noise_source: noise.source,
@@ -115,6 +114,18 @@ impl Summary {
             },
         }
     }
+}
+
+/// Nobody minds what a table's steps leave below this.
+const LEAST_COST_MM: f64 = 1e-3;
+
+/// The largest deviation expected with the next reading's scatter, and without.
+fn after(rows: &[Row]) -> [f64; 2] {
+    let max = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).fold(0.0, f64::max);
+    [
+        max(&|r| r.predicted_deviation_mm.abs() + r.predicted_u95_mm.unwrap_or(0.0)),
+        max(&|r| r.predicted_deviation_mm.abs()),
+    ]
 }
 
 fn reversal(rows: &[Row]) -> Option<f64> {
@@ -141,6 +152,34 @@ pub struct Report {
 }
 
 impl Report {
+    /// Expects what a control's table leaves, whose steps and straight lines may differ from the new entries; `entries_deg` are
+    /// what it adds at each row's angle. A table that costs more than the readings' noise, or leaves more than there was, is told.
+    pub fn expect(&mut self, entries_deg: &[f64]) {
+        let length = self.summary.pivot_mm;
+        let mut costs = None;
+        for (row, entry) in self.rows.iter_mut().zip(entries_deg) {
+            let left_deg = row.error_deg + entry - row.comp_old_deg;
+            let left_mm = length * left_deg.to_radians().tan();
+            let more = left_mm.abs() - row.predicted_deviation_mm.abs();
+            if more > row.predicted_u95_mm.unwrap_or(0.0).max(LEAST_COST_MM) {
+                let worst = costs.get_or_insert((more, row.angle_deg, left_mm));
+                if more > worst.0 {
+                    *worst = (more, row.angle_deg, left_mm);
+                }
+            }
+            row.predicted_deviation_mm = left_mm;
+        }
+        [self.summary.after_max_mm, self.summary.after_table_max_mm] = after(&self.rows);
+        if let Some((_, angle_deg, left_mm)) = costs {
+            let worse = self.summary.after_table_max_mm > self.summary.before_max_mm;
+            self.warnings.push(format!(
+                "the table as written leaves {left_mm:+.4} mm at {angle_deg}°{}: its points are too far apart or its steps too coarse; \
+                 give a smaller --step-deg or --resolution-deg",
+                if worse { ", more than there was" } else { "" }
+            ));
+        }
+    }
+
     /// Lines for people.
     pub fn text(&self) -> String {
         let mut out = String::from(

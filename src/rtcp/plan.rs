@@ -6,6 +6,7 @@
 
 use std::fmt::Write;
 
+use crate::error::{Error, Result};
 use crate::machine::{AxisName, Chain};
 use crate::rtcp::export::Control;
 
@@ -15,14 +16,13 @@ const RUN_UP_DEG: f64 = 4.0;
 /// One pose: B, C in degrees, and the directions they are approached in (+1 or -1).
 pub type Pose = ([f64; 2], [f64; 2]);
 
-/// `count` different poses (B within ±90° and its limits), every second one twice.
-pub fn poses(chain: &Chain, count: usize) -> Vec<Pose> {
-    let range = |name: AxisName, low: f64, high: f64| {
-        let limits = chain.axis(name).map_or([low, high], |a| a.limits.map(f64::to_degrees));
-        let run = RUN_UP_DEG + 1.0;
-        [low.max(limits[0] + run), high.min(limits[1] - run)]
-    };
-    let [b, c] = [range(AxisName::B, -90.0, 90.0), range(AxisName::C, 0.0, 360.0)];
+/// `count` different poses (B within ±90°, C over a turn, both within their limits), every second one twice.
+///
+/// # Errors
+/// An axis whose limits leave no room for poses and the run-up to them.
+pub fn poses(chain: &Chain, count: usize) -> Result<Vec<Pose>> {
+    let [b, c] =
+        [range(chain, AxisName::B, [-90.0, 90.0])?, range(chain, AxisName::C, [0.0, 360.0])?];
     // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly
     // and never repeat.
     let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
@@ -39,7 +39,28 @@ pub fn poses(chain: &Chain, count: usize) -> Vec<Pose> {
             plan.push(pose);
         }
     }
-    plan
+    Ok(plan)
+}
+
+/// What of the wanted range an axis can be sent to with a run-up to either side; one that counts from elsewhere is shown as much
+/// of a turn.
+fn range(chain: &Chain, name: AxisName, [low, high]: [f64; 2]) -> Result<[f64; 2]> {
+    let limits = chain.axis(name).map_or([low, high], |a| a.limits.map(f64::to_degrees));
+    let run = RUN_UP_DEG + 1.0;
+    let (least, most) = (limits[0] + run, limits[1] - run);
+    let start = if name == AxisName::C { low.min(most - (high - low)).max(least) } else { low };
+    let [from, to] = [start.max(least), (start + high - low).min(most)];
+    if from >= to {
+        return Err(Error::measure(
+            "plan",
+            format!(
+                "{name:?} has no room for poses: its limits are {:.1}° and {:.1}°, and each is driven to from {RUN_UP_DEG}° beside it",
+                limits[0], limits[1]
+            ),
+            "widen the axis' limits in the machine file, or measure with your own poses",
+        ));
+    }
+    Ok([from, to])
 }
 
 /// The poses as CSV, ready to have `dx_mm,dy_mm,dz_mm` added.

@@ -16,7 +16,8 @@ use std::collections::BTreeMap;
 use crate::diagnose::experiment::{Active, EffectInfo, Parameter};
 
 /// The names of all kinds' effects: one that stands here is another kind's, one that nearly does is misspelt.
-pub const NAMES: [&str; 58] = [
+pub const NAMES: [&str; 59] = [
+    "ambient",
     "b-axis-tilt-x",
     "b-axis-tilt-z",
     "b-backlash",
@@ -268,4 +269,19 @@ fn lag(times_s: &[f64], values: &[f64], next: impl Fn(f64, f64, f64, f64) -> f64
         out[i] = y;
     }
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_effect_has_its_name_in_the_list() {
+        let data = crate::diagnose::data::columns::Columns::default();
+        let libraries = [ballbar::library(&data), burn::library(&data), thermal::library(&data)];
+        for effect in libraries.iter().flat_map(|l| &l.infos) {
+            assert!(NAMES.contains(&effect.name.as_ref()), "{}", effect.name);
+        }
+        assert!(NAMES.is_sorted());
+    }
 }
