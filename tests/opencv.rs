@@ -67,7 +67,7 @@ mod with {
     use nalgebra::{Rotation3, Vector2, Vector3};
     use pivotsight::calib::lens;
     use pivotsight::calib::target::Target;
-    use pivotsight::camera::Lens;
+    use pivotsight::camera::{Lens, LensFile};
     use pivotsight::cv::{self, BoardView, Distortion, Pose};
     use pivotsight::frame::{Channel, Picture};
     use pivotsight::render::target::render;
@@ -151,9 +151,9 @@ mod with {
         }
     }
 
-    /// Share of the lens's numbers that lie within their intervals: known lens, known noise of each point, and a curl of
-    /// the print by `curl_mm` (standard deviation), another one in each view, that the flat board does not know.
-    fn share_inside(noise_px: f64, curl_mm: f64) -> f64 {
+    /// Share of the lens's numbers that lie within their intervals: known lens, known noise of each point, a curl of the board by
+    /// `curl_mm` (standard deviation), another one in each view, and a print whose points are off by `print_mm` in all of them.
+    fn share_inside(noise_px: f64, curl_mm: f64, print_mm: f64) -> f64 {
         let lens = truth();
         let target: Target = "charuco:11x7:15".parse().unwrap();
         let camera = lens.normalised();
@@ -163,20 +163,28 @@ mod with {
         let half = target.size_mm() / 2.0;
         let (mut inside, mut total) = (0, 0);
         for _ in 0..25 {
+            let printed: Vec<Vector3<f64>> = target
+                .points_mm()
+                .iter()
+                .map(|_| print_mm * Vector3::new(noise(), noise(), 3.0 * noise()))
+                .collect();
             let found = poses(&target, &lens)
                 .iter()
                 .enumerate()
                 .map(|(i, pose)| {
-                    let board_mm = target.points_mm();
+                    let board_mm: Vec<Vector3<f64>> =
+                        target.points_mm().iter().map(|p| p.push(0.0)).collect();
                     let curl = [(); 3].map(|()| curl_mm * noise());
                     let pixels = board_mm
                         .iter()
-                        .map(|b| {
-                            let at = (b - half).component_div(&half);
+                        .zip(&printed)
+                        .map(|(b, off)| {
+                            let at = (b.xy() - half).component_div(&half);
                             let z = curl[0] * at.x * at.x
                                 + curl[1] * at.x * at.y
                                 + curl[2] * at.y * at.y;
-                            let p = pose.turn * Vector3::new(b.x, b.y, z) + pose.shift_mm;
+                            let b = off + Vector3::new(b.x, b.y, z);
+                            let p = pose.turn * b + pose.shift_mm;
                             let exact = camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z));
                             exact + noise_px * Vector2::new(noise(), noise())
                         })
@@ -188,20 +196,27 @@ mod with {
             let made =
                 lens::from_views(&names, found, vec![None; 12], (800, 600), Distortion::Decentred)
                     .unwrap();
+            if print_mm > 0.0 {
+                let [plane, out] = made.report.board_sd_mm.map(|sd| sd / print_mm);
+                assert!((0.8..1.2).contains(&plane) && (2.0..4.0).contains(&out), "{plane} {out}");
+            }
             for (p, truth) in made.report.parameters.iter().zip(wanted) {
                 total += 1;
                 inside += usize::from((p.value - truth).abs() <= p.u95.unwrap());
             }
         }
-        println!("noise {noise_px} px, curl {curl_mm} mm: {inside} of {total} inside");
+        println!(
+            "noise {noise_px} px, curl {curl_mm}, print {print_mm} mm: {inside} of {total} inside"
+        );
         f64::from(inside as u32) / f64::from(total)
     }
 
-    /// The stated intervals hold, whether the points err each by itself or all of a view's together.
+    /// The stated intervals hold, whether the points err each by itself, all of a view's together, or alike in all views.
     #[test]
     fn intervals_of_the_lens_hold() {
-        for (noise_px, curl_mm) in [(0.1, 0.0), (0.05, 0.2)] {
-            let share = share_inside(noise_px, curl_mm);
+        for (noise_px, curl_mm, print_mm) in [(0.1, 0.0, 0.0), (0.05, 0.2, 0.0), (0.03, 0.0, 0.05)]
+        {
+            let share = share_inside(noise_px, curl_mm, print_mm);
             assert!((0.90..=0.99).contains(&share), "{share}");
         }
     }
@@ -287,7 +302,7 @@ mod with {
         assert_eq!((0..13).filter(|&i| rejected(i).is_some()).count(), 2, "{json:#}");
         assert!(json["rms_px"].as_f64().unwrap() < 0.12, "{json:#}");
         // What matters: the same place of the frame is seen along the same ray, to a tenth of a pixel or so.
-        let found = Lens::read(&calib).unwrap().0;
+        let found = LensFile::read(&calib).unwrap().lens;
         for (name, truth) in
             [("fx_px", 1010.0), ("fy_px", 1006.0), ("cx_px", 411.0), ("cy_px", 290.0)]
         {
@@ -369,9 +384,9 @@ mod with {
         assert_eq!(count, 795);
     }
 
-    /// Pictures that do not determine the lens are said to be such.
+    /// Pictures that do not determine the lens give none.
     #[test]
-    fn square_on_views_are_doubted() {
+    fn square_on_views_are_refused() {
         let lens = truth();
         let target: Target = "chessboard:10x7:16".parse().unwrap();
         let camera = lens.normalised();
@@ -379,7 +394,8 @@ mod with {
             .iter()
             .enumerate()
             .map(|(i, pose)| {
-                let board_mm = target.points_mm();
+                let board_mm: Vec<Vector3<f64>> =
+                    target.points_mm().iter().map(|p| p.push(0.0)).collect();
                 let wobble = |k: usize| 0.05 * ((k * 7919 % 97) as f64 / 97.0 - 0.5);
                 let pixels = board_mm
                     .iter()
@@ -394,10 +410,9 @@ mod with {
             })
             .collect();
         let names: Vec<String> = (0..12).map(|i| i.to_string()).collect();
-        let made =
-            lens::from_views(&names, found, vec![None; 12], (800, 600), Distortion::Full).unwrap();
-        let words = made.report.warnings.join("\n");
-        assert!(words.contains("tilt"), "{words}");
+        let made = lens::from_views(&names, found, vec![None; 12], (800, 600), Distortion::Full);
+        let words = made.unwrap_err().to_string();
+        assert!(words.contains("focal length") && words.contains("tilt"), "{words}");
     }
 
     /// OpenCV's own chessboard pictures against the figures published beside them (`left_intrinsics.yml`).

@@ -12,12 +12,11 @@ const OUTLINE: u32 = 24;
 const ROUNDS: usize = 2;
 
 impl BoardView {
-    /// Seen minus expected, for each point.
-    pub fn residuals(&self, lens: &Lens, pose: &Pose) -> Vec<Vector2<f64>> {
-        let camera = lens.normalised();
-        let expected = |b: &Vector2<f64>| match self.radius_mm > 0.0 {
-            true => middle(&camera, pose, b, self.radius_mm),
-            false => seen(&camera, pose, b),
+    /// Seen minus expected, for each point, through a lens' normalised view.
+    pub fn residuals(&self, camera: &View, pose: &Pose) -> Vec<Vector2<f64>> {
+        let expected = |b: &Vector3<f64>| match self.radius_mm > 0.0 {
+            true => middle(camera, pose, b, self.radius_mm),
+            false => seen(camera, pose, b),
         };
         self.board_mm.iter().zip(&self.pixels).map(|(b, p)| p - expected(b)).collect()
     }
@@ -25,23 +24,23 @@ impl BoardView {
     /// With dots' centres in place of the middles of their images, which perspective shifts to the near side.
     fn centred(&self, lens: &Lens, pose: &Pose) -> Self {
         let camera = lens.normalised();
-        let centres = self.board_mm.iter().zip(self.residuals(lens, pose));
+        let centres = self.board_mm.iter().zip(self.residuals(&camera, pose));
         let pixels = centres.map(|(b, off)| seen(&camera, pose, b) + off).collect();
         Self { pixels, ..self.clone() }
     }
 }
 
-fn seen(camera: &View, pose: &Pose, b: &Vector2<f64>) -> Vector2<f64> {
-    let p = pose.turn * Vector3::new(b.x, b.y, 0.0) + pose.shift_mm;
+fn seen(camera: &View, pose: &Pose, b: &Vector3<f64>) -> Vector2<f64> {
+    let p = pose.turn * b + pose.shift_mm;
     camera.to_pixel(Vector2::new(p.x / p.z, p.y / p.z))
 }
 
 /// Middle of the area that a dot covers in the picture.
-fn middle(camera: &View, pose: &Pose, b: &Vector2<f64>, radius_mm: f64) -> Vector2<f64> {
+fn middle(camera: &View, pose: &Pose, b: &Vector3<f64>, radius_mm: f64) -> Vector2<f64> {
     let centre = seen(camera, pose, b);
     let outline = (0..=OUTLINE).map(|i| {
         let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(OUTLINE)).sin_cos();
-        seen(camera, pose, &(b + radius_mm * Vector2::new(cos, sin))) - centre
+        seen(camera, pose, &(b + radius_mm * Vector3::new(cos, sin, 0.0))) - centre
     });
     let (mut area, mut moment, mut last) = (0.0, Vector2::zeros(), None);
     for at in outline {

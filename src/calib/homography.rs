@@ -27,7 +27,7 @@ impl Fit {
         self.covariance.fixed_view::<6, 6>(0, 0) * factor
     }
 
-    /// Value and half-width of the 95 % interval of a function of the parameters.
+    /// Value and half-width of the 95 % interval of a function of the parameters, the lens being exact.
     pub(super) fn value(&self, f: impl Fn(&DVector<f64>) -> f64) -> (f64, f64) {
         let at = f(&self.p);
         let gradient = DVector::from_fn(self.p.len(), |i, _| {

@@ -2,18 +2,20 @@
 
 use std::path::PathBuf;
 
-use nalgebra::Vector2;
+use nalgebra::{SMatrix, Vector2};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::calib::board_view::fitted;
-use crate::calib::lens_doubt::intervals;
+use crate::calib::bundle::{Bundle, adjusted};
 use crate::calib::target::Target;
-use crate::camera::Lens;
-use crate::cv::{self, BoardView, Distortion, LensFit};
+use crate::camera::{Lens, LensFile};
+use crate::cv::{self, BoardView, Distortion};
 use crate::error::{Error, Result};
+use crate::fit::robust::median;
 use crate::frame::{Channel, Gray, Picture};
 use crate::repeats;
+use crate::uncertainty::K95;
 
 /// Fewest views that determine a lens; Zhang's method needs three.
 const LEAST_VIEWS: usize = 3;
@@ -23,6 +25,13 @@ const LEAST_POINTS: usize = 8;
 const BAD_VIEW: f64 = 3.0;
 /// Residuals below this are never bad, px.
 const GOOD_PX: f64 = 0.1;
+/// A point is bad whose residual is so many times the view's median, and one of so many points at most.
+const BAD_POINT: f64 = 6.0;
+const MOST_BAD: usize = 10;
+/// A lens that misses by more is none, px: the target is another than was said.
+const MOST_RMS_PX: f64 = 2.0;
+/// A focal length less sure than this part of it is not determined.
+const MOST_UNSURE: f64 = 0.3;
 /// Cells across and down in which coverage is counted.
 pub const CELLS: (usize, usize) = (8, 6);
 /// The names of the numbers found, in OpenCV's order.
@@ -69,6 +78,8 @@ pub struct Report {
     pub parameters: Vec<Parameter>,
     /// Root mean square of all used points' distances.
     pub rms_px: f64,
+    /// How far the board's points lie from its grid, as the views show it: standard deviations in its plane and out of it.
+    pub board_sd_mm: [f64; 2],
     /// Share of the frame's cells in which points were seen.
     pub coverage: f64,
     /// Every picture.
@@ -93,8 +104,8 @@ pub struct Seen {
 pub struct Calibrated {
     /// The report.
     pub report: Report,
-    /// The lens.
-    pub lens: Lens,
+    /// The lens, and how surely it is known.
+    pub lens: LensFile,
     /// All points of used views.
     pub seen: Vec<Seen>,
     /// How many pictures could not be read.
@@ -156,7 +167,7 @@ pub fn calibrate(
 fn look(gray: &Gray<u8>, target: &Target) -> Result<Option<BoardView>> {
     let places = target.points_mm();
     Ok(cv::detect(gray, target)?.map(|d| BoardView {
-        board_mm: d.ids.iter().filter_map(|&i| places.get(i)).copied().collect(),
+        board_mm: d.ids.iter().filter_map(|&i| places.get(i)).map(|p| p.push(0.0)).collect(),
         pixels: d.pixels,
         radius_mm: target.dot_radius_mm(),
     }))
@@ -183,7 +194,7 @@ pub fn from_views(
 ) -> Result<Calibrated> {
     let total = found.len();
     let mut spent = Vec::new();
-    let (fit, residuals) = loop {
+    let start = loop {
         if found.len() < LEAST_VIEWS {
             return Err(Error::measure(
                 format!("{} pictures", names.len()),
@@ -193,15 +204,20 @@ pub fn from_views(
         }
         let views: Vec<BoardView> = found.iter().map(|f| f.1.clone()).collect();
         let fit = fitted(&views, size, distortion)?;
+        let camera = fit.lens.normalised();
         let residuals: Vec<Vec<Vector2<f64>>> =
-            views.iter().zip(&fit.poses).map(|(v, p)| v.residuals(&fit.lens, p)).collect();
+            views.iter().zip(&fit.poses).map(|(v, p)| v.residuals(&camera, p)).collect();
         let each: Vec<f64> = residuals.iter().map(|r| rms(r)).collect();
         let mut sorted = each.clone();
         sorted.sort_by(f64::total_cmp);
         let middle = sorted[(sorted.len() - 1) / 2];
         let worst = (0..each.len()).max_by(|&a, &b| each[a].total_cmp(&each[b])).unwrap_or(0);
         if each[worst] < (BAD_VIEW * middle).max(GOOD_PX) || found.len() == LEAST_VIEWS {
-            break (fit, residuals);
+            break fit;
+        }
+        if let Some(better) = without_bad_points(&found[worst].1, &residuals[worst]) {
+            found[worst].1 = better;
+            continue;
         }
         let (index, view) = found.remove(worst);
         rejected[index] = Some(format!(
@@ -211,7 +227,40 @@ pub fn from_views(
         ));
         spent.push((index, view.pixels.len(), each[worst]));
     };
-    Ok(report(names, &found, &rejected, &spent, size, &fit, &residuals, distortion))
+    let views: Vec<BoardView> = found.iter().map(|f| f.1.clone()).collect();
+    let bundle = adjusted(&views, &start, distortion.free());
+    let used: Vec<usize> = found.iter().map(|f| f.0).collect();
+    let made = report(names, &used, &rejected, &spent, size, &bundle, distortion);
+    if made.report.rms_px > MOST_RMS_PX {
+        return Err(Error::measure(
+            format!("{} pictures", names.len()),
+            format!("the best lens misses the target's points by {:.1} px", made.report.rms_px),
+            "check the target's columns and rows, and that all pictures are of one camera and one target",
+        ));
+    }
+    let unsure = |p: &Parameter| p.u95.is_some_and(|u| !(u <= MOST_UNSURE * p.value));
+    if made.report.parameters[..2].iter().any(unsure) {
+        return Err(Error::measure(
+            format!("{} pictures", names.len()),
+            "they do not determine the focal length",
+            "tilt the target by 20° to 40° in different directions",
+        ));
+    }
+    Ok(made)
+}
+
+/// A view without the few points that lie far from where the others put them: a detector took something else for them.
+fn without_bad_points(view: &BoardView, residuals: &[Vector2<f64>]) -> Option<BoardView> {
+    let far = BAD_POINT * median(&mut residuals.iter().map(Vector2::norm).collect::<Vec<_>>());
+    let good = |k: &usize| residuals[*k].norm() <= far.max(BAD_POINT * GOOD_PX);
+    let kept: Vec<usize> = (0..residuals.len()).filter(good).collect();
+    let bad = residuals.len() - kept.len();
+    let few = bad > 0 && MOST_BAD * bad <= residuals.len() && kept.len() >= LEAST_POINTS;
+    few.then(|| BoardView {
+        board_mm: kept.iter().map(|&k| view.board_mm[k]).collect(),
+        pixels: kept.iter().map(|&k| view.pixels[k]).collect(),
+        ..view.clone()
+    })
 }
 
 fn rms(residuals: &[Vector2<f64>]) -> f64 {
@@ -219,15 +268,13 @@ fn rms(residuals: &[Vector2<f64>]) -> f64 {
     (squares / residuals.len().max(1) as f64).sqrt()
 }
 
-#[allow(clippy::too_many_arguments)]
 fn report(
     names: &[String],
-    found: &[(usize, BoardView)],
+    used: &[usize],
     rejected: &[Option<String>],
     spent: &[(usize, usize, f64)],
     size: (u32, u32),
-    fit: &LensFit,
-    residuals: &[Vec<Vector2<f64>>],
+    bundle: &Bundle,
     distortion: Distortion,
 ) -> Calibrated {
     let mut views: Vec<ViewReport> = names
@@ -247,27 +294,34 @@ fn report(
         (views[i].points, views[i].rms_px) = (points, Some(rms_px));
     }
     let mut seen = Vec::new();
-    for (k, ((i, view), residuals)) in found.iter().zip(residuals).enumerate() {
+    let camera = bundle.fit.lens.normalised();
+    for ((i, view), pose) in used.iter().zip(&bundle.views).zip(&bundle.fit.poses) {
+        let residuals = view.residuals(&camera, pose);
         let report = &mut views[*i];
         report.used = true;
         report.points = view.pixels.len();
-        report.rms_px = Some(rms(residuals));
+        report.rms_px = Some(rms(&residuals));
         report.worst_px = Some(residuals.iter().map(Vector2::norm).fold(0.0, f64::max));
-        let facing = fit.poses[k].turn.matrix()[(2, 2)].abs().min(1.0);
+        let facing = pose.turn.matrix()[(2, 2)].abs().min(1.0);
         report.tilt_deg = Some(facing.acos().to_degrees());
-        seen.extend(view.pixels.iter().zip(residuals).map(|(&pixel, &residual_px)| Seen {
+        seen.extend(view.pixels.iter().zip(residuals).map(|(&pixel, residual_px)| Seen {
             view: *i,
             pixel,
             residual_px,
         }));
     }
-    let l = &fit.lens;
+    let l = &bundle.fit.lens;
     let values = [l.fx_px, l.fy_px, l.cx_px, l.cy_px].into_iter().chain(l.distortion);
     let parameters: Vec<Parameter> = NAMES
         .into_iter()
         .zip(values)
-        .zip(intervals(found, fit, residuals, distortion.free()))
-        .map(|((name, value), u95)| Parameter { name, value, u95 })
+        .enumerate()
+        .map(|(i, (name, value))| {
+            let free = distortion.free()[i];
+            let known = |c: &SMatrix<f64, 9, 9>| K95 * c[(i, i)].sqrt();
+            let u95 = bundle.covariance.as_ref().map_or(f64::INFINITY, known);
+            Parameter { name, value, u95: free.then_some(u95) }
+        })
         .collect();
     let all: Vec<Vector2<f64>> = seen.iter().map(|s| s.residual_px).collect();
     let coverage = coverage(&seen, size);
@@ -278,11 +332,12 @@ fn report(
             height_px: size.1,
             parameters,
             rms_px: rms(&all),
+            board_sd_mm: bundle.board_sd_mm,
             coverage,
             views,
             warnings,
         },
-        lens: l.clone(),
+        lens: LensFile { lens: l.clone(), covariance: bundle.covariance, gamma: 1.0 },
         seen,
         unread: 0,
     }

@@ -2,11 +2,11 @@
 //! calibration still holds.
 
 mod board_view;
+mod bundle;
 pub mod check;
 mod homography;
 pub mod laser;
 pub mod lens;
-mod lens_doubt;
 pub mod mark;
 pub mod plane;
 pub mod register;

@@ -5,17 +5,21 @@
 //! `H` maps 0 to 0: six numbers (scale, turn, tilt about two axes, aspect and shear) and M's two, found by least
 //! squares from five positions or more.
 
+mod known;
 mod report;
 
 pub use report::{CaptureReport, Orientation, Report};
 
-use nalgebra::Vector2;
+use nalgebra::{SMatrix, SVector, Vector2};
 
 use crate::calib::homography::{solve, undetermined};
 use crate::calib::mark::{self, Sightings};
-use crate::calib::plane::report::{field_u95_mm, report};
+use crate::calib::plane::known::{Known, field_u95_mm};
+use crate::calib::plane::report::report;
 use crate::calib::unseen_lens::ideal;
-use crate::camera::{Calibration, Lens, Mapping, light};
+use crate::camera::{
+    Calibration, LENS_NUMBERS, Lens, LensCovariance, LensFile, Mapping, PlaneCovariance, light,
+};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::rod::Capture;
@@ -38,16 +42,16 @@ pub struct Calibrated {
     pub calibration: Calibration,
 }
 
-/// Calibrates from the captures' pictures. Without a `lens` the camera is taken as free of distortion. `gamma` is the
-/// sensor's, 1 where counts are light.
-pub fn calibrate(captures: &[Capture], lens: Option<&Lens>, gamma: f64) -> Result<Calibrated> {
+/// Calibrates from the captures' pictures. Without a `lens` the camera is taken as free of distortion and its counts as light.
+pub fn calibrate(captures: &[Capture], lens: Option<&LensFile>) -> Result<Calibrated> {
     enough(captures)?;
+    let gamma = lens.map_or(1.0, |l| l.gamma);
     let frames = captures
         .iter()
         .map(|c| Ok(light(Picture::read(&c.path)?.into_frame(Channel::Auto), gamma)))
         .collect::<Result<Vec<Frame>>>()?;
     let (w, h) = (frames[0].width(), frames[0].height());
-    let known = lens.map_or((w, h), |l| (l.width_px as usize, l.height_px as usize));
+    let known = lens.map_or((w, h), |l| (l.lens.width_px as usize, l.lens.height_px as usize));
     if let Some((c, f)) =
         captures.iter().zip(&frames).find(|(_, f)| (f.width(), f.height()) != known)
     {
@@ -65,9 +69,7 @@ pub fn calibrate(captures: &[Capture], lens: Option<&Lens>, gamma: f64) -> Resul
         ));
     }
     let positions: Vec<Vector2<f64>> = captures.iter().map(|c| c.position_mm).collect();
-    let lens_used = lens.cloned().unwrap_or_else(|| ideal(w, h));
-    let from =
-        |sightings: &Sightings| from_sightings(captures, sightings, &lens_used, lens.is_some());
+    let from = |sightings: &Sightings| from_sightings(captures, sightings, lens, (w, h));
     let mut made = match mark::find(&frames, &positions) {
         Some((mark, rough)) => {
             let view = from(&rough)?.calibration.view(w, h)?;
@@ -98,13 +100,16 @@ fn enough(captures: &[Capture]) -> Result<()> {
     Ok(())
 }
 
-/// As [`calibrate`], from the mark's places. `known_lens` says whether the lens' focal length means anything.
+/// As [`calibrate`], from the mark's places in frames of this size, px.
 pub fn from_sightings(
     captures: &[Capture],
     sightings: &[Option<Vector2<f64>>],
-    lens: &Lens,
-    known_lens: bool,
+    lens: Option<&LensFile>,
+    (width, height): (usize, usize),
 ) -> Result<Calibrated> {
+    let known_lens = lens.is_some();
+    let covariance = lens.and_then(|l| l.covariance.as_ref());
+    let lens = &lens.map_or_else(|| ideal(width, height), |l| l.lens.clone());
     let normal = lens.normalised();
     let mut used: Vec<usize> = (0..captures.len()).filter(|&i| sightings[i].is_some()).collect();
     let mut warnings = Vec::new();
@@ -125,7 +130,10 @@ pub fn from_sightings(
         used.retain(|&i| i != odd);
         fit = solve(&used, &place)?;
     }
-    let mut report = report(captures, sightings, &used, &fit, lens, known_lens, warnings);
+    let by_lens = covariance.map(|c| Ok((*c, slopes(&used, captures, sightings, lens, c)?)));
+    let by_lens = by_lens.transpose()?;
+    let known = Known::new(&fit, lens, by_lens.as_ref());
+    let mut report = report(captures, sightings, &used, &known, known_lens, warnings);
     report.warnings.extend(units::pixel("a pixel, by the machine's positions,", report.mm_per_px));
     let reach_mm =
         report.mm_per_px * 0.5 * f64::from(lens.width_px).hypot(f64::from(lens.height_px));
@@ -133,16 +141,49 @@ pub fn from_sightings(
         return Err(undetermined());
     }
     // What an unknown lens does to the corners is no homography: one as unsure there stands for it.
-    let widened = report.field_u95_mm / field_u95_mm(&fit, lens).max(f64::MIN_POSITIVE);
+    let widened = match known_lens {
+        true => 1.0,
+        false => report.field_u95_mm / field_u95_mm(&known).max(f64::MIN_POSITIVE),
+    };
+    let homography = fit.homography_covariance() * (widened * widened);
     let mapping = Mapping::Pinhole {
         lens: lens.clone(),
         homography_mm: fit.homography(),
-        covariance: Some(Box::new(fit.homography_covariance() * (widened * widened))),
+        covariance: Some(Box::new(PlaneCovariance { homography, lens: by_lens })),
     };
     Ok(Calibrated {
         calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },
         report,
     })
+}
+
+/// How the homography's six numbers change with the lens' numbers, as far as those are unsure.
+fn slopes(
+    used: &[usize],
+    captures: &[Capture],
+    sightings: &[Option<Vector2<f64>>],
+    lens: &Lens,
+    covariance: &LensCovariance,
+) -> Result<SMatrix<f64, 6, LENS_NUMBERS>> {
+    let mut slopes = SMatrix::<f64, 6, LENS_NUMBERS>::zeros();
+    for i in 0..LENS_NUMBERS {
+        let step = 0.1 * covariance[(i, i)].max(0.0).sqrt();
+        if step == 0.0 {
+            continue;
+        }
+        let through = |by: f64| {
+            let mut numbers = SVector::zeros();
+            numbers[i] = by;
+            let view = lens.plus(&numbers).normalised();
+            let place = |k: usize| {
+                (view.to_plane(sightings[k].unwrap_or_default()), captures[k].position_mm)
+            };
+            solve(used, &place).map(|fit| fit.p)
+        };
+        let change = (through(step)? - through(-step)?) / (2.0 * step);
+        slopes.set_column(i, &change.fixed_rows::<6>(0));
+    }
+    Ok(slopes)
 }
 
 /// The one without which the others fit far better, where there are enough of them to tell.
@@ -185,6 +226,7 @@ mod tests {
         let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None };
         let truth = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
         let truth = truth.view(1600, 1200).unwrap();
+        let exact = LensFile { lens, covariance: None, gamma: 1.0 };
         let angles = || (0..90).map(|i| f64::from(i).to_radians() * 4.0);
         let circle = Circle { center: Vector2::new(1.5, -0.8), radius: 2.0 };
         for side in [3, 4] {
@@ -204,7 +246,8 @@ mod tests {
                     captures.push(Capture::in_memory("", scatter - at, 0.0));
                     sightings.push(Some(truth.to_pixel(at)));
                 }
-                let made = from_sightings(&captures, &sightings, &lens, true).unwrap().calibration;
+                let made = from_sightings(&captures, &sightings, Some(&exact), (1600, 1200));
+                let made = made.unwrap().calibration;
                 let view = made.view(1600, 1200).unwrap();
                 let rim = |a: f64| circle.center + Vector2::new(a.cos(), a.sin()) * circle.radius;
                 let seen: Vec<_> =

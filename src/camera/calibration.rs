@@ -7,8 +7,11 @@ use std::path::Path;
 use nalgebra::{Matrix3, Matrix6, SMatrix};
 use serde::{Deserialize, Serialize};
 
+use crate::camera::View;
 use crate::camera::lens::{Lens, check_lens};
-use crate::camera::{PlaneUncertainty, View};
+use crate::camera::plane_uncertainty::{
+    LENS_NUMBERS, LensCovariance, PlaneCovariance, independent,
+};
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
 use crate::{tomlfile, units};
@@ -38,9 +41,8 @@ pub enum Mapping {
         lens: Lens,
         /// Undistorted normalised image (x, y, 1) → plane in mm.
         homography_mm: Matrix3<f64>,
-        /// Covariance of h11, h12, h21, h22, h31, h32, 1.96 standard deviations being half a 95 % interval. `None` where they
-        /// are taken as exact.
-        covariance: Option<Box<Matrix6<f64>>>,
+        /// What is not known of both. `None` where they are taken as exact.
+        covariance: Option<Box<PlaneCovariance>>,
     },
     /// A plain scale: the camera axis goes through the frame's middle and v down is -Y.
     Scale {
@@ -71,6 +73,8 @@ pub(super) struct File {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) camera: Option<Lens>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) lens_uncertainty: Option<LensUncertainty>,
+    #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) plane: Option<Plane>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(super) scale: Option<Scale>,
@@ -86,13 +90,73 @@ pub(super) struct Sensor {
     gamma: f64,
 }
 
+/// Covariance of fx_px, fy_px, cx_px, cy_px and the distortion.
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct LensUncertainty {
+    covariance: [[f64; LENS_NUMBERS]; LENS_NUMBERS],
+}
+
+impl LensUncertainty {
+    pub(super) fn of(covariance: &LensCovariance) -> Self {
+        Self { covariance: rows(covariance) }
+    }
+
+    pub(super) fn checked(self) -> std::result::Result<LensCovariance, Complaint> {
+        let covariance = SMatrix::from_fn(|r, c| self.covariance[r][c]);
+        match independent(&covariance) {
+            Some(_) => Ok(covariance),
+            None => Err((
+                "lens_uncertainty.covariance",
+                "is no covariance".into(),
+                "calibrate the camera again",
+            )),
+        }
+    }
+}
+
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Plane {
     homography_mm: [[f64; 3]; 3],
     #[serde(skip_serializing_if = "Option::is_none")]
     homography_covariance: Option<[[f64; 6]; 6]>,
+    /// How h11, h12, h21, h22, h31, h32 change with the lens' numbers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    homography_by_lens: Option<[[f64; LENS_NUMBERS]; 6]>,
 }
+
+impl Plane {
+    fn covariance(
+        &self,
+        lens: Option<LensUncertainty>,
+    ) -> std::result::Result<Option<Box<PlaneCovariance>>, Complaint> {
+        let Some(homography) = &self.homography_covariance else { return Ok(None) };
+        let homography = Matrix6::from_fn(|r, c| homography[r][c]);
+        if independent(&homography).is_none() {
+            return Err((
+                "plane.homography_covariance",
+                "is no covariance".into(),
+                "calibrate the plane again",
+            ));
+        }
+        let lens = match (lens, &self.homography_by_lens) {
+            (Some(lens), Some(by)) => Some((lens.checked()?, SMatrix::from_fn(|r, c| by[r][c]))),
+            (None, None) => None,
+            _ => {
+                return Err((
+                    "plane.homography_by_lens",
+                    "goes with [lens_uncertainty], and one of them is missing".into(),
+                    "calibrate the plane again",
+                ));
+            }
+        };
+        Ok(Some(Box::new(PlaneCovariance { homography, lens })))
+    }
+}
+
+/// A field, what is wrong with it and what to do.
+pub(super) type Complaint = (&'static str, String, &'static str);
 
 #[derive(Debug, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -111,7 +175,7 @@ impl Calibration {
             .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))
     }
 
-    fn from_file(file: File) -> std::result::Result<Self, (&'static str, String, &'static str)> {
+    fn from_file(file: File) -> std::result::Result<Self, Complaint> {
         if file.schema != 1 {
             return Err((
                 "schema",
@@ -132,16 +196,7 @@ impl Calibration {
                         "calibrate the plane again",
                     ));
                 }
-                let covariance = plane
-                    .homography_covariance
-                    .map(|rows| Box::new(Matrix6::from_fn(|r, c| rows[r][c])));
-                if covariance.as_ref().is_some_and(|c| PlaneUncertainty::of(c).is_none()) {
-                    return Err((
-                        "plane.homography_covariance",
-                        "is no covariance".into(),
-                        "calibrate the plane again",
-                    ));
-                }
+                let covariance = plane.covariance(file.lens_uncertainty)?;
                 Mapping::Pinhole { lens, homography_mm, covariance }
             }
             (None, None, Some(Scale { mm_per_px, rotation_deg })) => {
@@ -224,11 +279,15 @@ impl Calibration {
 
     /// The calibration as the text of its file.
     pub fn to_toml(&self) -> String {
+        let mut lens_uncertainty = None;
         let (camera, plane, scale) = match &self.mapping {
             Mapping::Pinhole { lens, homography_mm, covariance } => {
+                let of_lens = covariance.as_ref().and_then(|c| c.lens.as_ref());
+                lens_uncertainty = of_lens.map(|(lens, _)| LensUncertainty::of(lens));
                 let plane = Plane {
                     homography_mm: rows(homography_mm),
-                    homography_covariance: covariance.as_deref().map(rows),
+                    homography_covariance: covariance.as_ref().map(|c| rows(&c.homography)),
+                    homography_by_lens: of_lens.map(|(_, by_lens)| rows(by_lens)),
                 };
                 (Some(lens.clone()), Some(plane), None)
             }
@@ -240,6 +299,7 @@ impl Calibration {
             schema: 1,
             name: self.name.clone(),
             camera,
+            lens_uncertainty,
             plane,
             scale,
             laser: self.laser.clone(),
@@ -288,7 +348,7 @@ impl Calibration {
     }
 }
 
-fn rows<const N: usize>(m: &SMatrix<f64, N, N>) -> [[f64; N]; N] {
+fn rows<const R: usize, const C: usize>(m: &SMatrix<f64, R, C>) -> [[f64; C]; R] {
     std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]))
 }
 
@@ -297,9 +357,7 @@ pub fn light(frame: Frame, gamma: f64) -> Frame {
     if gamma == 1.0 { frame } else { frame.linear(gamma) }
 }
 
-pub(super) fn checked_gamma(
-    sensor: Option<Sensor>,
-) -> std::result::Result<f64, (&'static str, String, &'static str)> {
+pub(super) fn checked_gamma(sensor: Option<Sensor>) -> std::result::Result<f64, Complaint> {
     let gamma = sensor.map_or(1.0, |s| s.gamma);
     if GAMMAS.contains(&gamma) {
         return Ok(gamma);

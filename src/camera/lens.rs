@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use nalgebra::Matrix3;
+use nalgebra::{Matrix3, SVector};
 use serde::{Deserialize, Serialize};
 
-use super::calibration::{File, checked_gamma};
+use super::calibration::{Complaint, File, LensUncertainty, checked_gamma};
+use super::plane_uncertainty::{LENS_NUMBERS, LensCovariance};
 use crate::camera::{Mapping, View};
 use crate::error::{Error, Result};
 use crate::tomlfile;
@@ -31,18 +32,29 @@ pub struct Lens {
     pub distortion: [f64; 5],
 }
 
-impl Lens {
-    /// The lens of a calibration file, with or without a plane, and its sensor's gamma.
-    pub fn read(path: impl AsRef<Path>) -> Result<(Self, f64)> {
+/// A lens as its file tells it, with or without a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LensFile {
+    /// The lens.
+    pub lens: Lens,
+    /// How surely it is known, where the file says so.
+    pub covariance: Option<LensCovariance>,
+    /// The sensor's gamma.
+    pub gamma: f64,
+}
+
+impl LensFile {
+    /// Reads the lens of a calibration file.
+    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let file: File = tomlfile::read(path)?;
         let lens = file.camera.ok_or_else(|| {
             Error::field(path, None, "camera", "is missing", "give a file with [camera]")
         })?;
-        let gamma = check_lens(&lens)
-            .and_then(|()| checked_gamma(file.sensor))
-            .map_err(|(field, reason, fix)| Error::field(path, None, field, reason, fix))?;
-        Ok((lens, gamma))
+        let blame = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
+        let gamma = check_lens(&lens).and_then(|()| checked_gamma(file.sensor)).map_err(blame)?;
+        let covariance = file.lens_uncertainty.map(LensUncertainty::checked).transpose();
+        Ok(Self { lens, covariance: covariance.map_err(blame)?, gamma })
     }
 
     /// The lens alone as the text of a calibration file, for `calib plane` to complete.
@@ -50,7 +62,8 @@ impl Lens {
         let file = File {
             schema: 1,
             name: name.to_owned(),
-            camera: Some(self.clone()),
+            camera: Some(self.lens.clone()),
+            lens_uncertainty: self.covariance.as_ref().map(LensUncertainty::of),
             plane: None,
             scale: None,
             laser: None,
@@ -58,6 +71,20 @@ impl Lens {
         };
         // These plain structures always serialise.
         toml::to_string(&file).unwrap_or_default()
+    }
+}
+
+impl Lens {
+    /// A lens that is another by these numbers: fx, fy, cx, cy, k1, k2, p1, p2, k3.
+    pub(crate) fn plus(&self, by: &SVector<f64, LENS_NUMBERS>) -> Self {
+        Self {
+            fx_px: self.fx_px + by[0],
+            fy_px: self.fy_px + by[1],
+            cx_px: self.cx_px + by[2],
+            cy_px: self.cy_px + by[3],
+            distortion: std::array::from_fn(|i| self.distortion[i] + by[4 + i]),
+            ..self.clone()
+        }
     }
 
     /// The mapping between pixels and the undistorted normalised image.
@@ -72,9 +99,7 @@ impl Lens {
 }
 
 /// What no lens can have: the field, what is wrong with it and what to do.
-pub(super) fn check_lens(
-    lens: &Lens,
-) -> std::result::Result<(), (&'static str, String, &'static str)> {
+pub(super) fn check_lens(lens: &Lens) -> std::result::Result<(), Complaint> {
     let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
     if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
         return Err((

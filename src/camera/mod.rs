@@ -9,6 +9,7 @@ mod view;
 
 pub use calibration::{Calibration, Laser, Mapping, light};
 pub use identity::Identity;
-pub use lens::Lens;
-pub use plane_uncertainty::PlaneUncertainty;
+pub use lens::{Lens, LensFile};
+pub(crate) use plane_uncertainty::independent;
+pub use plane_uncertainty::{LENS_NUMBERS, LensCovariance, PlaneCovariance};
 pub use view::View;

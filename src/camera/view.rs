@@ -3,7 +3,8 @@
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 
 use super::horizon::Horizon;
-use crate::camera::{Lens, Mapping, PlaneUncertainty};
+use super::plane_uncertainty::PlaneUncertainty;
+use crate::camera::{Lens, Mapping};
 
 /// Pixel ↔ plane for frames of one size. Pixels: centre of the top-left pixel is (0, 0), v down.
 #[derive(Debug, Clone)]
@@ -19,7 +20,8 @@ impl View {
     pub(super) fn new(mapping: &Mapping, width_px: usize, height_px: usize) -> Self {
         let (lens, to_plane, uncertainty) = match mapping {
             Mapping::Pinhole { lens, homography_mm, covariance } => {
-                let uncertainty = covariance.as_deref().and_then(PlaneUncertainty::of);
+                let of = |c| PlaneUncertainty::of(c, lens, homography_mm);
+                let uncertainty = covariance.as_deref().and_then(of);
                 (lens.clone(), *homography_mm, uncertainty.unwrap_or_default())
             }
             &Mapping::Scale { mm_per_px, rotation_deg } => {
@@ -98,11 +100,11 @@ impl View {
         project(&self.to_plane, p + shift) - plane_mm
     }
 
-    /// How far each of the plane's independent errors, each as large as one standard deviation, moves a place in the plane.
+    /// How far each of the independent errors of plane and lens, each as large as one standard deviation, moves a place in the plane.
     pub fn plane_errors_mm(&self, plane_mm: Vector2<f64>) -> impl Iterator<Item = Vector2<f64>> {
         let ideal = project(&self.to_image, plane_mm);
         let w = (self.to_plane * Vector3::new(ideal.x, ideal.y, 1.0)).z;
-        self.uncertainty.moves_mm(ideal, w, plane_mm)
+        self.uncertainty.moves_mm(ideal, w, plane_mm, move || self.distort(ideal).0)
     }
 
     /// From the lens to the plane along its axis, mm: the size in the plane of an angle seen through a lens whose focal length is known.

@@ -96,8 +96,8 @@ pub struct Pose {
 /// One view of a board: places on it and where they are seen.
 #[derive(Debug, Clone, Default)]
 pub struct BoardView {
-    /// Places on the board.
-    pub board_mm: Vec<Vector2<f64>>,
+    /// Places on the board, whose face is z = 0.
+    pub board_mm: Vec<Vector3<f64>>,
     /// The same in the picture: corners, or the middles of dots' images.
     pub pixels: Vec<Vector2<f64>>,
     /// Radius of the dots; 0 for corners.

@@ -4,7 +4,8 @@ use nalgebra::{DVector, Matrix2, Vector2};
 use serde::Serialize;
 
 use crate::calib::homography::{Fit, homography, map};
-use crate::calib::unseen_lens::{corners_px, unseen_lens};
+use crate::calib::plane::known::{Known, field_u95_mm};
+use crate::calib::unseen_lens::unseen_lens;
 use crate::camera::{Lens, View};
 use crate::measure::rod::Capture;
 
@@ -82,39 +83,40 @@ pub(super) fn report(
     captures: &[Capture],
     sightings: &[Option<Vector2<f64>>],
     used: &[usize],
-    fit: &Fit,
-    lens: &Lens,
+    known: &Known,
     known_lens: bool,
     mut warnings: Vec<String>,
 ) -> Report {
+    let (fit, lens) = (known.fit, known.lens);
     let normal = lens.normalised();
     // d(plane) / d(pixel) at the principal point.
-    let at_axis = |p: &DVector<f64>| {
+    let axis = |lens: &Lens, p: &DVector<f64>| {
         Matrix2::new(p[0] / lens.fx_px, p[1] / lens.fy_px, p[2] / lens.fx_px, p[3] / lens.fy_px)
     };
     let turn = |m: &Matrix2<f64>| m[(1, 0)].atan2(m[(0, 0)]);
-    let (mm_per_px, mm_per_px_u95) = fit.value(|p| at_axis(p).determinant().abs().sqrt());
-    let start = turn(&at_axis(&fit.p));
-    let (swing, rotation_u95) = fit.value(|p| {
-        let away = turn(&at_axis(p)) - start;
+    let (mm_per_px, mm_per_px_u95) = known.value(|l, p| axis(l, p).determinant().abs().sqrt());
+    let at_axis = axis(lens, &fit.p);
+    let start = turn(&at_axis);
+    let (swing, rotation_u95) = known.value(|l, p| {
+        let away = turn(&axis(l, p)) - start;
         away.sin().atan2(away.cos())
     });
     let (aspect, aspect_u95) =
-        fit.value(|p| at_axis(p).column(1).norm() / at_axis(p).column(0).norm() - 1.0);
-    let (shear, shear_u95) = fit.value(|p| {
-        let m = at_axis(p);
+        known.value(|l, p| axis(l, p).column(1).norm() / axis(l, p).column(0).norm() - 1.0);
+    let (shear, shear_u95) = known.value(|l, p| {
+        let m = axis(l, p);
         -(m.column(0).dot(&m.column(1)) / (m.column(0).norm() * m.column(1).norm())).asin()
     });
-    let tilt = known_lens.then(|| [0, 1].map(|i| fit.value(|p| tilt_rad(p)[i])));
+    let tilt = known_lens.then(|| [0, 1].map(|i| known.value(|_, p| tilt_rad(p)[i])));
     let rotation_deg = (start + swing).to_degrees();
-    let orientation = if at_axis(&fit.p).determinant() > 0.0 {
+    let orientation = if at_axis.determinant() > 0.0 {
         Orientation::Mirrored
     } else if rotation_deg.abs() > 45.0 {
         Orientation::Turned
     } else {
         Orientation::Upright
     };
-    warnings.extend(reading(orientation, &at_axis(&fit.p)));
+    warnings.extend(reading(orientation, &at_axis));
     let rows = capture_reports(captures, sightings, used, fit, &normal);
     let squares: f64 = rows
         .iter()
@@ -122,7 +124,7 @@ pub(super) fn report(
         .filter_map(|r| r.residual_mm)
         .map(|[x, y]| x * x + y * y)
         .sum();
-    let mut field_u95_mm = field_u95_mm(fit, lens);
+    let mut field_u95_mm = field_u95_mm(known);
     let residual_rms_mm = (squares / used.len() as f64).sqrt();
     if residual_rms_mm > mm_per_px {
         warnings.push(format!(
@@ -162,17 +164,6 @@ pub(super) fn report(
         captures: rows,
         warnings,
     }
-}
-
-/// Largest half-width of the 95 % interval of a corner, as far as the fit tells it.
-pub(super) fn field_u95_mm(fit: &Fit, lens: &Lens) -> f64 {
-    let normal = lens.normalised();
-    corners_px(lens)
-        .into_iter()
-        .map(|px| normal.to_plane(px))
-        .map(|q| [0, 1].map(|k| fit.value(|p| map(p, q)[k]).1))
-        .map(|[x, y]| x.hypot(y))
-        .fold(0.0, f64::max)
 }
 
 /// What each capture says of the fit.

@@ -76,6 +76,11 @@ fn table(r: &Report) -> String {
         r.views.len(),
         100.0 * r.coverage
     );
+    let [plane, out] = r.board_sd_mm.map(|sd| 1e3 * sd);
+    let _ = writeln!(
+        t,
+        "the board's points lie {plane:.1} µm off its grid and {out:.0} µm out of its plane (standard deviations)"
+    );
     let _ = writeln!(t, "points   rms px  worst px   tilt   picture");
     for v in &r.views {
         let number =

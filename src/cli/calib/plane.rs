@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use super::super::outfiles::OutFile;
 use super::super::{Global, Outcome, Status, result};
 use crate::calib::plane::{self, Orientation, Report};
-use crate::camera::Lens;
+use crate::camera::LensFile;
 use crate::error::Result;
 use crate::measure::rod::read_captures;
 use crate::output::Document;
@@ -31,13 +31,12 @@ pub struct Args {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let lens = args.lens.as_ref().map(Lens::read).transpose()?;
+    let lens = args.lens.as_ref().map(LensFile::read).transpose()?;
     let mut warnings = Vec::new();
     let captures = read_captures(&args.captures, &mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
-    let (lens, gamma) = lens.map_or((None, 1.0), |(lens, gamma)| (Some(lens), gamma));
-    let mut made = plane::calibrate(&captures, lens.as_ref(), gamma)
-        .map_err(|e| e.in_file(&args.captures, None))?;
+    let mut made =
+        plane::calibrate(&captures, lens.as_ref()).map_err(|e| e.in_file(&args.captures, None))?;
     made.report.warnings.splice(..0, warnings);
     let refused = made.report.orientation == Orientation::Mirrored && !args.mirrored;
     if let Some(path) = &args.write_calib {

@@ -27,17 +27,29 @@ pub fn detect(gray: &Gray<u8>, target: &Target) -> Result<Option<Detection>> {
 
 type Found<T> = opencv::Result<Option<T>>;
 
+/// Longer side of a picture that is looked over quickly.
+const SMALL_PX: f64 = 640.0;
+
 /// The sector-based detector (Duda and Frese 2018) first, the classic one with sub-pixel corners where it fails.
-fn chessboard(image: &impl ToInputArray, size: Size) -> Found<Vec<Vector2<f64>>> {
+fn chessboard(image: &(impl ToInputArray + MatTraitConst), size: Size) -> Found<Vec<Vector2<f64>>> {
     let mut corners = Vector::<Point2f>::new();
     let flags = calib3d::CALIB_CB_EXHAUSTIVE | calib3d::CALIB_CB_ACCURACY;
     if calib3d::find_chessboard_corners_sb(image, size, &mut corners, flags)? {
         return Ok(Some(plain(&corners)));
     }
-    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH | calib3d::CALIB_CB_NORMALIZE_IMAGE;
-    if !calib3d::find_chessboard_corners(image, size, &mut corners, flags)? {
+    // It takes many seconds at full size where there is no such board, and finds it in a small picture, too.
+    let small = (SMALL_PX / f64::from(image.cols().max(image.rows()))).min(1.0);
+    let mut reduced = Mat::default();
+    imgproc::resize(image, &mut reduced, Size::new(0, 0), small, small, imgproc::INTER_AREA)?;
+    let flags = calib3d::CALIB_CB_ADAPTIVE_THRESH
+        | calib3d::CALIB_CB_NORMALIZE_IMAGE
+        | calib3d::CALIB_CB_FAST_CHECK;
+    if !calib3d::find_chessboard_corners(&reduced, size, &mut corners, flags)? {
         return Ok(None);
     }
+    let full = |p: f32| ((f64::from(p) + 0.5) / small - 0.5) as f32;
+    let mut corners: Vector<Point2f> =
+        corners.iter().map(|c| Point2f::new(full(c.x), full(c.y))).collect();
     let step =
         plain(&corners).windows(2).map(|w| (w[1] - w[0]).norm()).fold(f64::INFINITY, f64::min);
     refine(image, &mut corners, step)?;

@@ -24,7 +24,10 @@ fn run(
     let mut images = Vector::<Vector<Point2f>>::new();
     for view in views {
         objects.push(
-            view.board_mm.iter().map(|p| Point3f::new(p.x as f32, p.y as f32, 0.0)).collect(),
+            view.board_mm
+                .iter()
+                .map(|p| Point3f::new(p.x as f32, p.y as f32, p.z as f32))
+                .collect(),
         );
         images.push(view.pixels.iter().map(|p| Point2f::new(p.x as f32, p.y as f32)).collect());
     }
