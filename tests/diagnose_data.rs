@@ -374,6 +374,46 @@ fn a_constant_is_named_where_the_run_starts_warm() {
     assert_eq!(report["effects"][0]["name"], "head-constant");
 }
 
+/// A head warms and cools twice; one of two sensors, slower than the other, stops when it has begun to cool. What it misses is told by how
+/// it followed the other. And a drift with the root of time is one name.
+#[test]
+fn a_sensor_that_stops_before_the_head_does_and_heat_that_soaks_in_have_their_names() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let lag = |t: f64, after: f64| 1.0 - (-t.max(0.0) / after).exp();
+    let cycle = |t: f64, after: f64| {
+        let switched = [0.0, 6000.0, 10_000.0, 15_000.0];
+        let sum = |(i, at): (usize, &f64)| {
+            if i % 2 == 0 { lag(t - at, after) } else { -lag(t - at, after) }
+        };
+        9.0 * switched.iter().enumerate().map(sum).sum::<f64>()
+    };
+    for (stops, soaks_mm, expected) in [(true, 0.0, "sensor-dead"), (false, 0.01, "drift-time")] {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+        for k in 0..60 {
+            let t = 350.0 * f64::from(k);
+            let [fast, slow] = [900.0, 2500.0].map(|after| cycle(t, after));
+            let read = if stops { cycle(t.min(7500.0), 2500.0) } else { slow };
+            let soaked = soaks_mm * (t / 3600.0).sqrt();
+            for place in [0.0, 200.0, 400.0, 600.0] {
+                let error = 0.002 * fast + 0.004 * slow + soaked + 0.0008 * normal();
+                writeln!(csv, "{t},x,{place},{error:.6},21.0,{fast:.3},{read:.3}").unwrap();
+            }
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let report = diagnose("thermal", folder);
+        let effects = report["effects"].as_array().unwrap();
+        assert_eq!(
+            (effects.len(), &report["verdict"]),
+            (1, &"named".into()),
+            "{expected}: {effects:#?}"
+        );
+        assert!(class(&report).contains(&expected), "{effects:#?}");
+    }
+}
+
 /// A sensor seen to stop is among the names of what it leaves; a constant and a curve over position are two names, no polynomial.
 #[test]
 fn stopped_sensors_and_pairs_have_their_names() {

@@ -145,7 +145,7 @@ pub struct Report {
     pub noise_mm: f64,
     /// Where the noise figure comes from.
     pub noise_source: String,
-    /// Captures, and values used.
+    /// Captures or poses.
     pub captures: usize,
     /// Values measured.
     pub observations: usize,

@@ -75,13 +75,6 @@ pub fn taubin(points: &[Vector2<f64>], weights: &[f64]) -> Option<Circle> {
         .then_some(circle)
 }
 
-/// Minimises the weighted sum of squared distances by Levenberg-Marquardt from `start`.
-/// `None` where the points do not determine a circle.
-pub fn geometric(points: &[Vector2<f64>], weights: &[f64], start: Circle) -> Option<Circle> {
-    let least_step = 1e-11 * (start.radius.abs() + start.center.norm());
-    descend(points, weights, start, least_step, 60)
-}
-
 /// The weighted sum of squared distances of points from a circle, its gradient and Gauss' approximation to its curvature.
 struct Squares {
     sum: f64,
@@ -108,7 +101,8 @@ impl Squares {
     }
 }
 
-/// At most so many steps down, until one is no longer than `least_step`.
+/// Minimises the weighted sum of squared distances by Levenberg-Marquardt: at most so many steps down, until one is no longer than
+/// `least_step`. `None` where the points do not determine a circle.
 fn descend(
     points: &[Vector2<f64>],
     weights: &[f64],
@@ -234,7 +228,7 @@ mod tests {
         let t = taubin(&points, &[1.0; 6]).unwrap();
         assert!((t.center - Vector2::new(4.613933, 2.795209)).norm() < 1e-5, "{t:?}");
         assert!((t.radius - 4.879213).abs() < 1e-5);
-        let g = geometric(&points, &[1.0; 6], t).unwrap();
+        let g = descend(&points, &[1.0; 6], t, 1e-11, 60).unwrap();
         assert!((g.center - Vector2::new(4.73978241, 2.98353269)).norm() < 1e-7, "{g:?}");
         assert!((g.radius - 4.71422604).abs() < 1e-7);
         let sum: f64 = points.iter().map(|p| g.distance(*p).powi(2)).sum();

@@ -108,10 +108,10 @@ pub fn solve(
             damping *= 10.0;
         }
         if !accepted {
-            // No step lowers the sum any more, or enough: a minimum.
-            converged = true;
+            // No step lowers the sum any more, or enough: a minimum, if there is a sum.
+            converged = residuals.iter().all(|r| r.is_finite());
         }
-        if converged {
+        if converged || !accepted {
             break;
         }
     }

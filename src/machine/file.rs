@@ -182,12 +182,6 @@ impl Machine {
         Self::preset("w C A b X Y Z t", &[("A", [0.0, offset_mm, -below_mm])])
     }
 
-    /// Table B under table C; the B axis lies `offset_mm` from the C axis along X and `below_mm`
-    /// under the table surface.
-    pub fn table_b_c(offset_mm: f64, below_mm: f64) -> Self {
-        Self::preset("w C B b X Y Z t", &[("B", [offset_mm, 0.0, -below_mm])])
-    }
-
     /// Head C that carries head B; both axes meet `pivot_mm` above the tool point.
     pub fn head_c_b(pivot_mm: f64) -> Self {
         let point = [0.0, 0.0, pivot_mm];

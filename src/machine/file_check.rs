@@ -6,6 +6,9 @@ use crate::machine::file::{AxisEntry, Head, Machine};
 /// Field, what is wrong with it, and what to do.
 type Check = std::result::Result<(), (String, String, &'static str)>;
 
+/// Kinds of data that effects have formulas for.
+const KINDS: [&str; 5] = ["rtcp", "rod", "ballbar", "thermal", "burn"];
+
 impl Machine {
     /// The first thing in the file that cannot be.
     pub(super) fn check(&self) -> Check {
@@ -77,6 +80,13 @@ impl Machine {
                     format!("effects '{}': {key}", effect.name),
                     "is not finite".into(),
                     "give a number",
+                ));
+            }
+            if let Some(kind) = effect.kind.as_ref().filter(|k| !KINDS.contains(&k.as_str())) {
+                return Err((
+                    format!("effects '{}': kind", effect.name),
+                    format!("is '{kind}', no kind of data"),
+                    "write rtcp, rod, ballbar, thermal or burn",
                 ));
             }
         }

@@ -23,7 +23,8 @@ impl PlaneErrors {
         let rows: Vec<Vector3<f64>> =
             angles.map(|angle| Vector3::new(angle.cos(), angle.sin(), 1.0)).collect();
         let normal: Matrix3<f64> = rows.iter().map(|row| row * row.transpose()).sum();
-        let Some(inverse) = normal.try_inverse() else { return Self(Vec::new()) };
+        // An edge seen at fewer than three angles has no centre to be moved.
+        let inverse = normal.try_inverse().unwrap_or_else(Matrix3::zeros);
         let mut pulls: Vec<Vector3<f64>> = Vec::new();
         for row in &rows {
             let out = Vector2::new(row.x, row.y);

@@ -47,7 +47,7 @@ impl Characteristic {
     }
 }
 
-/// As many decimals as show the uncertainty with two digits, four to six where there is none or it is coarse.
+/// As many decimals as show the uncertainty with two digits, from three to six; four where there is none.
 fn digits(u95: Option<f64>) -> usize {
     let u95 = u95.filter(|u| *u > 0.0);
     u95.map_or(4, |u| (1.0 - u.log10().floor()).clamp(3.0, 6.0) as usize)

@@ -100,10 +100,12 @@ impl Series {
     /// straight line). Where values scatter more than their uncertainty says, the scatter counts.
     pub fn drift(&self) -> Vec<Drift> {
         let mut found = Vec::new();
-        let Some(((last_day, last, last_u95), before)) = self.points.split_last() else {
+        // One that does not say how sure it is can be neither a step nor part of a trend.
+        let points: Vec<_> = self.points.iter().copied().filter(|p| p.2 > 0.0).collect();
+        let Some(((last_day, last, last_u95), before)) = points.split_last() else {
             return found;
         };
-        let first_day = self.points[0].0;
+        let first_day = points[0].0;
         let mut add = |kind: &str, change: f64, (u, dof): (f64, f64), what: String| {
             if ln_f_tail((change / u).powi(2), 1.0, dof) < ALARM.ln() {
                 let change_u95 = k95(dof) * u;
@@ -126,7 +128,7 @@ impl Series {
                 format!("the newest differs from the {} before by", before.len()),
             );
         }
-        if let Some((slope, u, scatter)) = line(&self.points) {
+        if let Some((slope, u, scatter)) = line(&points) {
             let days = last_day - first_day;
             let u = (u * days * scatter.excess, scatter.dof);
             add("trend", slope * days, u, format!("trend over {days:.1} days"));
@@ -202,10 +204,9 @@ impl Scatter {
     }
 }
 
-/// 1/u² of every point; `None` with fewer than two points or one without uncertainty.
+/// 1/u² of every point; `None` with fewer than two points.
 fn weights(points: &[(f64, f64, f64)]) -> Option<Vec<f64>> {
-    let usable = points.len() >= 2 && points.iter().all(|p| p.2 > 0.0);
-    usable.then(|| points.iter().map(|p| (K95 / p.2).powi(2)).collect())
+    (points.len() >= 2).then(|| points.iter().map(|p| (K95 / p.2).powi(2)).collect())
 }
 
 #[cfg(test)]

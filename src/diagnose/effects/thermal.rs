@@ -7,7 +7,7 @@ use nalgebra::Vector3;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
     Column, above_zero, ambient_from, dead_sensor, first_gone_s, gone, hats, heating, metres,
-    metres_from, middle, risen, rises, softly, times, went,
+    metres_from, middle, missed, risen, rises, softly, times, went,
 };
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
@@ -309,6 +309,11 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
         let middle = middle(data.get("t_s"));
         vec![data.get("t_s").iter().map(|t| (t - middle) / 3600.0).collect()]
     });
+    // Heat that soaks into what is thick goes with the root of time.
+    form(l, axes, &[one("mm_per_root_h", 0.01)], None, |data, _| {
+        let start = data.times_s().0;
+        vec![data.get("t_s").iter().map(|t| ((t - start) / 3600.0).sqrt()).collect()]
+    });
     let (start, end) = data.times_s();
     let rises_s = [lags, &[end - start]].concat();
     form(l, axes, &[one("mm", 0.01)], Some(("rise_s", &rises_s)), |data, rise_s| {
@@ -333,6 +338,11 @@ fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     let Some(k) = sensor else { return };
     l.beforehand(DEAD_BEFOREHAND);
     form(l, axes, &[one("offset_mm", 0.01)], None, move |data, _| vec![gone(data, k)]);
+    if missed(data, k).is_some() {
+        form(l, axes, &[one("missed_mm_per_c", 1e-3)], None, move |data, _| {
+            vec![missed(data, k).unwrap_or_default()]
+        });
+    }
     // It would have gone on to another level.
     form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), move |data, rise_s| {
         let gone = gone(data, k);

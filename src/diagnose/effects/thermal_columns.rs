@@ -1,5 +1,7 @@
 //! Columns that thermal effects follow: rises, rates, lags, and what a dead sensor misses.
 
+use nalgebra::{DMatrix, DVector};
+
 use crate::diagnose::data::columns::Columns;
 use crate::fit::robust::range;
 
@@ -121,22 +123,56 @@ pub fn heating(data: &Columns) -> Vec<f64> {
 
 /// The first sensor whose reading stops changing for at least a tenth of the run.
 pub fn dead_sensor(data: &Columns) -> Option<usize> {
-    data.head_c.iter().position(|c| {
-        let from = stuck_from(c);
-        c.len() - from > (c.len() / 10).max(5)
+    (0..data.head_c.len()).find(|&sensor| {
+        let rows = data.series.len();
+        let stuck = gone(data, sensor).iter().filter(|g| **g > 0.0).count();
+        stuck > (rows / 10).max(5)
     })
 }
 
-/// The row from which a column no longer changes.
-fn stuck_from(column: &[f64]) -> usize {
-    let last = column.last().copied().unwrap_or(0.0);
-    column.iter().rposition(|v| *v != last).map_or(0, |i| i + 1)
+/// 1 from when on a sensor's reading no longer changes, 0 before.
+pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
+    let (t, column) = (data.get("t_s"), &data.head_c[sensor]);
+    let mut order: Vec<usize> = (0..column.len()).collect();
+    order.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
+    let last = order.last().map_or(0.0, |row| column[*row]);
+    let changes = order.iter().rposition(|row| column[*row] != last);
+    let mut out = vec![0.0; column.len()];
+    order[changes.map_or(0, |i| i + 1)..].iter().for_each(|row| out[*row] = 1.0);
+    out
 }
 
-/// 1 where a sensor has stopped, 0 before.
-pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
-    let from = stuck_from(&data.head_c[sensor]);
-    (0..data.series.len()).map(|row| f64::from(u8::from(row >= from))).collect()
+/// What a sensor that has stopped misses, as the others and their past tell: how it followed them before says how it would have
+/// gone on. `None` where there is no other, or too little of its own.
+pub fn missed(data: &Columns, sensor: usize) -> Option<Column> {
+    /// Parts of the run by which it may come after the others.
+    const LATER: [f64; 3] = [0.02, 0.08, 0.2];
+    /// What the others do not tell of it apart is shared.
+    const RIDGE: f64 = 1e-4;
+    let (t, column, gone) = (data.get("t_s"), &data.head_c[sensor], gone(data, sensor));
+    let (start, end) = data.times_s();
+    let mut told: Vec<Column> = vec![vec![1.0; column.len()]];
+    for other in (0..data.head_c.len()).filter(|o| *o != sensor) {
+        let read = &data.head_c[other];
+        told.push(read.clone());
+        told.extend(LATER.map(|part| super::lagged(t, read, part * (end - start))));
+    }
+    let alive: Vec<usize> = (0..column.len()).filter(|row| gone[*row] == 0.0).collect();
+    if told.len() < 2 || alive.len() < 3 * told.len() {
+        return None;
+    }
+    let sizes: Vec<f64> =
+        told.iter().map(|c| alive.iter().map(|r| c[*r] * c[*r]).sum::<f64>().sqrt()).collect();
+    let design =
+        DMatrix::from_fn(alive.len(), told.len(), |i, c| told[c][alive[i]] / sizes[c].max(1e-12));
+    let read = DVector::from_fn(alive.len(), |i, _| column[alive[i]]);
+    let mut normal = design.tr_mul(&design);
+    (0..told.len()).for_each(|i| normal[(i, i)] += RIDGE);
+    let share = normal.cholesky()?.solve(&design.tr_mul(&read));
+    let would = |row: usize| -> f64 {
+        (0..told.len()).map(|c| share[c] * told[c][row] / sizes[c].max(1e-12)).sum()
+    };
+    Some((0..column.len()).map(|row| gone[row] * (would(row) - column[row])).collect())
 }
 
 /// Time of the first row of those that are 1.
