@@ -5,6 +5,7 @@ use std::fmt::Write as _;
 use crate::diagnose::experiment::{Experiment, Variable};
 use crate::diagnose::report::{Report, Verdict};
 use crate::fit::robust::range;
+use crate::output::escape;
 use crate::plot::{Figure, Panel};
 
 /// What the verdict means, for a service engineer.
@@ -23,10 +24,6 @@ fn plain(verdict: Verdict) -> &'static str {
             "Something is missing that the library does not know. It is described, not named."
         }
     }
-}
-
-fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// The page.
@@ -108,7 +105,7 @@ pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     if !r.untested.is_empty() {
         h.push_str("<h2>Not tested</h2><ul>");
         r.untested.iter().for_each(|(name, why)| {
-            let _ = write!(h, "<li>{name}: {}</li>", escape(why));
+            let _ = write!(h, "<li>{}: {}</li>", escape(name), escape(why));
         });
         h.push_str("</ul>");
     }

@@ -108,13 +108,21 @@ pub fn flatten(value: &Value) -> Vec<(String, &Value)> {
     cells
 }
 
-/// Text for XML and HTML, in elements and attributes.
+/// Text for XML and HTML, in elements and attributes. Control characters, which XML does not know, become blanks.
 pub fn escape(text: &str) -> String {
-    text.replace('&', "&amp;")
-        .replace('<', "&lt;")
-        .replace('>', "&gt;")
-        .replace('"', "&quot;")
-        .replace('\'', "&#39;")
+    let mut safe = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            c if c.is_control() && c != '\n' => safe.push(' '),
+            c => safe.push(c),
+        }
+    }
+    safe
 }
 
 #[cfg(test)]

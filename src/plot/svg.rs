@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::scale::Scale;
 use super::{Figure, PALETTE, Panel, Shape};
+use crate::output::escape;
 
 const WIDTH: f64 = 760.0;
 const HEIGHT: f64 = 340.0;
@@ -251,20 +252,4 @@ fn text(out: &mut String, x: f64, y: f64, anchor: &str, words: &str, more: &str)
             escape(words)
         );
     }
-}
-
-/// Text made safe for XML; control characters, which XML forbids, become spaces.
-fn escape(words: &str) -> String {
-    let mut safe = String::with_capacity(words.len());
-    for c in words.chars() {
-        match c {
-            '&' => safe.push_str("&amp;"),
-            '<' => safe.push_str("&lt;"),
-            '>' => safe.push_str("&gt;"),
-            '"' => safe.push_str("&quot;"),
-            c if c.is_control() => safe.push(' '),
-            c => safe.push(c),
-        }
-    }
-    safe
 }

@@ -11,6 +11,8 @@ use std::collections::HashMap;
 
 use nalgebra::{DVector, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
+use rayon::prelude::*;
+
 use crate::camera::{LENS_NUMBERS as LENS, Lens, LensCovariance, View};
 use crate::cv::{BoardView, LensFit, Pose};
 use crate::uncertainty::{K95, k95};
@@ -253,13 +255,13 @@ impl Problem<'_> {
     fn covariance(&self, state: &State, spread: Spread) -> Option<LensCovariance> {
         let sights = self.sights(state);
         let views = self.views.len() as f64;
-        let mut scatter = SMatrix::<f64, LENS, LENS>::zeros();
-        for v in 0..self.views.len() {
+        let without = |v| {
             let step = spread.normal(&sights, state, Some(v)).solve()?;
-            let step: SVector<f64, LENS> =
-                SVector::from_fn(|i, _| if self.free[i] { step[i] } else { 0.0 });
-            scatter += step * step.transpose();
-        }
+            Some(SVector::from_fn(|i, _| if self.free[i] { step[i] } else { 0.0 }))
+        };
+        let steps: Option<Vec<SVector<f64, LENS>>> =
+            (0..self.views.len()).into_par_iter().map(without).collect();
+        let scatter: LensCovariance = steps?.iter().map(|step| step * step.transpose()).sum();
         let student = (k95(views - 1.0) / K95).powi(2);
         let scatter = scatter * ((views - 1.0) / views * student);
         let normal = spread.normal(&sights, state, None);
