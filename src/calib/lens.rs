@@ -238,7 +238,7 @@ pub fn from_views(
             "check the target's columns and rows, and that all pictures are of one camera and one target",
         ));
     }
-    let unsure = |p: &Parameter| p.u95.is_some_and(|u| !(u <= MOST_UNSURE * p.value));
+    let unsure = |p: &Parameter| p.u95.is_some_and(|u| u.is_nan() || u > MOST_UNSURE * p.value);
     if made.report.parameters[..2].iter().any(unsure) {
         return Err(Error::measure(
             format!("{} pictures", names.len()),
