@@ -7,6 +7,7 @@ pub mod check;
 mod homography;
 pub mod laser;
 pub mod lens;
+mod lens_doubts;
 pub mod mark;
 pub mod plane;
 pub mod register;
