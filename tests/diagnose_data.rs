@@ -1,43 +1,13 @@
-//! Diagnosis of data as others make them: ball bar cups anywhere, axes that differ, slipped readings.
+//! Diagnosis of data as others make them: ball bar cups anywhere, slipped readings, zeros of their own.
+
+#[path = "common/diagnose.rs"]
+mod common;
 
 use std::fmt::Write as _;
 use std::path::Path;
 
-use assert_cmd::Command;
+use common::{BAR, class, diagnose, normal, run};
 use serde_json::Value;
-
-const BAR: &str = "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 400.0\n";
-
-fn run(arguments: &[&str], folder: &Path) -> std::process::Output {
-    let mut command = Command::cargo_bin("pivotsight").unwrap();
-    command.current_dir(folder).args(arguments).output().unwrap()
-}
-
-fn diagnose(kind: &str, folder: &Path) -> Value {
-    let arguments =
-        ["diagnose", kind, "--model", "machine.toml", "--data", "data.csv", "--format", "json"];
-    let output = run(&arguments, folder);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    serde_json::from_slice(&output.stdout).unwrap()
-}
-
-/// Standard normal numbers.
-fn normal() -> impl FnMut() -> f64 {
-    let mut state = 20_261_u64;
-    let mut uniform = move || {
-        state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 24)
-    };
-    move || (0..12).map(|_| uniform()).sum::<f64>() - 6.0
-}
-
-/// The named effect and its rivals.
-fn class(report: &Value) -> Vec<&str> {
-    let effect = &report["effects"][0];
-    let rivals = effect["confusable_with"].as_array().into_iter().flatten();
-    rivals.chain([&effect["name"]]).filter_map(Value::as_str).collect()
-}
 
 /// The source's second path, whose cup lies beside the plane of motion; then the same with names and a zero of Z of one's own.
 #[test]
@@ -122,90 +92,6 @@ fn a_bars_errors_may_follow_one_another() {
         }
         let noise = report["noise_source"].to_string();
         assert!(noise.contains("follow one another"), "{noise}");
-    }
-}
-
-/// Two axes with head coefficients of their own; then one of them moved by the room, from the first reading on.
-#[test]
-fn thermal_axes_differ_and_the_room_moves_one_of_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
-    for room in [0.0, 0.01] {
-        let mut normal = normal();
-        let mut csv =
-            String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c,ambient_c\n");
-        for k in 0..30 {
-            let t = 600.0 * f64::from(k);
-            let (h1, h2) = (9.0 * (1.0 - (-t / 3000.0).exp()), 5.0 * (t / 4000.0).sin());
-            let ambient = 1.5 * ((t / 1700.0 + 1.0).sin() - 1.0_f64.sin());
-            for (axis, a, b, slope) in [("x", 0.004, -0.002, 1e-5), ("z", -0.001, 0.003, 8e-6)] {
-                let screw = 6.0 * (1.0 - (-t / 5000.0).exp()) + if axis == "x" { 1.0 } else { 0.0 };
-                let cold = if axis == "x" { 1.0 } else { 0.0 };
-                for place in [0.0, 150.0, 300.0] {
-                    let own = if axis == "x" { room * ambient } else { 0.0 };
-                    let error = a * h1 + b * h2 + slope * (screw - cold) * place + own;
-                    let error = error + 0.001 * normal();
-                    writeln!(
-                        csv,
-                        "{t},{axis},{place},{error:.6},{:.3},{:.3},{:.3},{:.3}",
-                        screw + 21.0,
-                        h1 + 21.0,
-                        h2 + 21.0,
-                        ambient + 21.0
-                    )
-                    .unwrap();
-                }
-            }
-        }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
-        if room == 0.0 {
-            assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
-        } else {
-            assert_eq!(report["effects"][0]["name"], "ambient", "{}", report["unnamed"]);
-        }
-    }
-}
-
-/// What no effect of the library does, on one axis of two: a support that gives way, a knock. Neither gets a name, both a place.
-#[test]
-fn what_one_axis_does_alone_gets_no_name_but_its_axis() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
-    for versus in ["position_mm", "t_s"] {
-        let hidden = |t: f64, place: f64| match versus {
-            "t_s" => f64::from(u8::from(t > 8000.0)),
-            _ => (-0.5 * ((place - 200.0) / 60.0).powi(2)).exp(),
-        };
-        let mut normal = normal();
-        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
-        for k in 0..24 {
-            for (axis, slope, travel) in [("X", 1e-5, 600.0), ("Y", 8e-6, 450.0)] {
-                for step in 0..9 {
-                    let t = 600.0 * f64::from(k) + 10.0 * f64::from(step);
-                    let head = 8.0 * (1.0 - (-t / 3000.0).exp());
-                    let screw = 6.0 * (1.0 - (-t / 5000.0).exp());
-                    let place = travel * f64::from(step) / 8.0;
-                    let own = if axis == "Y" { 0.004 * hidden(t, place) } else { 0.0 };
-                    let error = 0.003 * head + slope * screw * place + own + 0.001 * normal();
-                    let (screw, head) = (screw + 21.0, head + 21.0);
-                    writeln!(csv, "{t},{axis},{place},{error:.6},{screw:.3},{head:.3}").unwrap();
-                }
-            }
-        }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
-        assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
-        assert_eq!(report["unnamed"][0]["output"], "error_mm on Y", "{}", report["unnamed"]);
-        assert_eq!(report["unnamed"][0]["versus"], versus, "{}", report["unnamed"]);
-        let data = ["diagnose", "thermal", "--data", "data.csv", "--format", "json", "--model"];
-        let write = ["machine.toml", "--write-model", "found.toml"];
-        assert!(run(&[&data[..], &write].concat(), folder).status.success());
-        let again = run(&[&data[..], &["found.toml"]].concat(), folder);
-        let again: Value = serde_json::from_slice(&again.stdout).unwrap();
-        assert_eq!(again["verdict"], "consistent", "{}", again["unnamed"]);
     }
 }
 
@@ -348,101 +234,6 @@ fn a_scale_is_named_far_from_the_machines_zero() {
     let of = |key: &str| effect[key]["um_per_m"].as_f64().unwrap();
     let (size, u95) = (of("parameters"), of("parameters_u95"));
     assert!((size - y_um_per_m).abs() < 1.5 * u95 && u95 < 200.0, "{size} ± {u95}");
-}
-
-/// A run that starts warm, its screw's slope zero at 20 °C: an error in the cold state is no other zero of the screw.
-#[test]
-fn a_constant_is_named_where_the_run_starts_warm() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
-    let mut normal = normal();
-    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
-    for k in 0..25 {
-        let t = 600.0 * f64::from(k);
-        let (h1, h2) = (8.0 * (1.0 - (-t / 3000.0).exp()), 4.0 * (t / 4000.0).sin());
-        let screw = 22.0 + 5.0 * (t / 4500.0).sin().abs();
-        for place in [0.0, 200.0, 400.0, 600.0, 800.0] {
-            let error = 0.004 * h1 - 0.002 * h2 + (screw - 20.0) * (1.1e-5 * place - 0.003);
-            let error = error + 0.03 + 0.001 * normal();
-            writeln!(csv, "{t},x,{place},{error:.6},{screw:.3},{h1:.3},{h2:.3}").unwrap();
-        }
-    }
-    std::fs::write(folder.join("data.csv"), csv).unwrap();
-    let report = diagnose("thermal", folder);
-    assert_eq!(report["verdict"], "named", "{report:#}");
-    assert_eq!(report["effects"][0]["name"], "head-constant");
-}
-
-/// A head warms and cools twice; one of two sensors, slower than the other, stops when it has begun to cool. What it misses is told by how
-/// it followed the other. And a drift with the root of time is one name.
-#[test]
-fn a_sensor_that_stops_before_the_head_does_and_heat_that_soaks_in_have_their_names() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
-    let lag = |t: f64, after: f64| 1.0 - (-t.max(0.0) / after).exp();
-    let cycle = |t: f64, after: f64| {
-        let switched = [0.0, 6000.0, 10_000.0, 15_000.0];
-        let sum = |(i, at): (usize, &f64)| {
-            if i % 2 == 0 { lag(t - at, after) } else { -lag(t - at, after) }
-        };
-        9.0 * switched.iter().enumerate().map(sum).sum::<f64>()
-    };
-    for (stops, soaks_mm, expected) in [(true, 0.0, "sensor-dead"), (false, 0.01, "drift-time")] {
-        let mut normal = normal();
-        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
-        for k in 0..60 {
-            let t = 350.0 * f64::from(k);
-            let [fast, slow] = [900.0, 2500.0].map(|after| cycle(t, after));
-            let read = if stops { cycle(t.min(7500.0), 2500.0) } else { slow };
-            let soaked = soaks_mm * (t / 3600.0).sqrt();
-            for place in [0.0, 200.0, 400.0, 600.0] {
-                let error = 0.002 * fast + 0.004 * slow + soaked + 0.0008 * normal();
-                writeln!(csv, "{t},x,{place},{error:.6},21.0,{fast:.3},{read:.3}").unwrap();
-            }
-        }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
-        let effects = report["effects"].as_array().unwrap();
-        assert_eq!(
-            (effects.len(), &report["verdict"]),
-            (1, &"named".into()),
-            "{expected}: {effects:#?}"
-        );
-        assert!(class(&report).contains(&expected), "{effects:#?}");
-    }
-}
-
-/// A sensor seen to stop is among the names of what it leaves; a constant and a curve over position are two names, no polynomial.
-#[test]
-fn stopped_sensors_and_pairs_have_their_names() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
-    let report = |stops: bool| {
-        let mut normal = normal();
-        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
-        for k in 0..30 {
-            let t = 600.0 * f64::from(k);
-            let rise = |t: f64| 9.0 * (1.0 - (-t / 3000.0).exp());
-            let (screw, head) = (6.0 * (1.0 - (-t / 5000.0).exp()), rise(t));
-            let read = if stops { rise(t.min(6000.0)) } else { head };
-            for place in [0.0, 150.0, 300.0, 450.0, 600.0] {
-                let more = if stops { 0.0 } else { 0.004 + 2e-8 * place * place };
-                let error = 0.004 * head + 1e-5 * screw * place + more + 0.0005 * normal();
-                writeln!(csv, "{t},x,{place},{error:.6},{:.3},{read:.3}", screw + 21.0).unwrap();
-            }
-        }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        diagnose("thermal", folder)
-    };
-    let dead = report(true);
-    assert!(class(&dead).contains(&"sensor-dead"), "{dead:#}");
-    let pair = report(false);
-    assert_eq!(pair["verdict"], "named", "{}", pair["unnamed"]);
-    let names: Vec<_> = pair["effects"].as_array().into_iter().flatten().collect();
-    assert!(names.len() == 2 && names.iter().any(|e| e["name"] == "position-quadratic"));
 }
 
 /// A beam that leans and a nozzle beside it, 45 burns: `hidden` of the height, mm.

@@ -1,6 +1,6 @@
 //! How surely a calibration's lens and plane are known, and how far that moves places in the plane.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, Vector2, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix3, Matrix6, SMatrix, SVector, Vector2, Vector6};
 
 use crate::camera::{Lens, Mapping, View};
 
@@ -31,7 +31,7 @@ pub(super) struct PlaneUncertainty {
 /// negative variance.
 pub(crate) fn independent<const N: usize>(
     covariance: &SMatrix<f64, N, N>,
-) -> Option<Vec<SVector<N>>> {
+) -> Option<Vec<SVector<f64, N>>> {
     /// What rounding leaves.
     const ROUNDING: f64 = 1e-9;
     // The numbers differ in size by their units: scaled to a unit diagonal first.
@@ -52,8 +52,6 @@ pub(crate) fn independent<const N: usize>(
     });
     sound.then(|| errors.collect())
 }
-
-type SVector<const N: usize> = nalgebra::SVector<f64, N>;
 
 impl PlaneUncertainty {
     /// Of a view with this lens and homography. `None` where a covariance is none.
@@ -96,7 +94,7 @@ impl PlaneUncertainty {
 fn bent_view(
     lens: &Lens,
     to_plane: &Matrix3<f64>,
-    error: &SVector<LENS_NUMBERS>,
+    error: &SVector<f64, LENS_NUMBERS>,
     h: &Vector6<f64>,
 ) -> View {
     let homography_mm = to_plane + Matrix3::new(h[0], h[1], 0.0, h[2], h[3], 0.0, h[4], h[5], 0.0);

@@ -10,7 +10,6 @@ mod normal;
 use std::collections::HashMap;
 
 use nalgebra::{DVector, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
-
 use rayon::prelude::*;
 
 use crate::camera::{LENS_NUMBERS as LENS, Lens, LensCovariance, View};
@@ -105,12 +104,8 @@ pub(super) fn adjusted(views: &[BoardView], start: &LensFit, free: [bool; LENS])
     }
     problem.improve(&mut state, spread);
     let covariance = problem.covariance(&state, spread);
-    let moved = views.iter().zip(&problem.ids).map(|(view, ids)| BoardView {
-        board_mm: problem.places(view, ids, &state.off_mm),
-        ..view.clone()
-    });
     Bundle {
-        views: moved.collect(),
+        views: (0..views.len()).map(|v| problem.view(v, &state)).collect(),
         fit: LensFit { lens: state.lens, poses: state.poses },
         covariance,
         board_sd_mm: spread.board_mm,
@@ -118,20 +113,23 @@ pub(super) fn adjusted(views: &[BoardView], start: &LensFit, free: [bool; LENS])
 }
 
 impl Problem<'_> {
-    fn places(&self, view: &BoardView, ids: &[usize], off: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
-        view.board_mm.iter().zip(ids).map(|(p, &id)| p + off[id]).collect()
+    /// A view with the board's points where they are.
+    fn view(&self, v: usize, state: &State) -> BoardView {
+        let mut view = self.views[v].clone();
+        view.board_mm.iter_mut().zip(&self.ids[v]).for_each(|(p, &id)| *p += state.off_mm[id]);
+        view
     }
 
-    fn view(&self, v: usize, off: &[Vector3<f64>]) -> BoardView {
-        let view = &self.views[v];
-        BoardView { board_mm: self.places(view, &self.ids[v], off), ..view.clone() }
-    }
-
-    /// Of all points of all views.
-    fn residuals(&self, state: &State) -> Vec<Vector2<f64>> {
+    /// Sum of the squares of all points' residuals, px².
+    fn squares(&self, state: &State) -> f64 {
         let camera = state.lens.normalised();
-        let of = |v| self.view(v, &state.off_mm).residuals(&camera, &state.poses[v]);
-        (0..self.views.len()).flat_map(of).collect()
+        let of = |v| self.view(v, state).residuals(&camera, &state.poses[v]);
+        (0..self.views.len()).flat_map(of).map(|r| r.norm_squared()).sum()
+    }
+
+    /// Numbers seen: two of each point of each view.
+    fn count(&self) -> f64 {
+        self.ids.iter().map(|ids| 2 * ids.len()).sum::<usize>() as f64
     }
 
     /// The board's diagonal.
@@ -144,9 +142,7 @@ impl Problem<'_> {
 
     /// All of what is left is the pictures', and the print is as far off as that seen on the board.
     fn first_spread(&self, state: &State, size_mm: f64) -> Spread {
-        let all = self.residuals(state);
-        let squares: f64 = all.iter().map(Vector2::norm_squared).sum();
-        let px = (squares / (2 * all.len()).max(1) as f64).sqrt().max(1e-6);
+        let px = (self.squares(state) / self.count()).sqrt().max(1e-6);
         let distance_mm =
             state.poses.iter().map(|p| p.shift_mm.norm()).sum::<f64>() / state.poses.len() as f64;
         let mm = (px * distance_mm / state.lens.fx_px).max(LEAST_SHARE * size_mm);
@@ -155,9 +151,8 @@ impl Problem<'_> {
 
     fn objective(&self, state: &State, spread: Spread) -> f64 {
         let prior = spread.prior();
-        let data: f64 = self.residuals(state).iter().map(Vector2::norm_squared).sum();
         let board: f64 = state.off_mm.iter().map(|o| o.component_mul(o).dot(&prior)).sum();
-        data / spread.px.powi(2) + board
+        self.squares(state) / spread.px.powi(2) + board
     }
 
     /// Gauss-Newton steps, each halved until it helps.
@@ -187,29 +182,25 @@ impl Problem<'_> {
     fn sights(&self, state: &State) -> Vec<Vec<Sight>> {
         let camera = state.lens.normalised();
         let bent: Vec<[View; 2]> = (0..LENS)
-            .map(|i| [STEP, -STEP].map(|by| nudged(&state.lens, i, by).normalised()))
+            .map(|i| [STEP, -STEP].map(|by| state.lens.plus(&only(i, by)).normalised()))
             .collect();
         (0..self.views.len())
             .map(|v| {
-                let (pose, view) = (&state.poses[v], self.view(v, &state.off_mm));
+                let (pose, view) = (&state.poses[v], self.view(v, state));
                 let by_lens: Vec<_> = bent
                     .iter()
-                    .map(|[up, down]| {
-                        slope(|by| view.residuals(if by > 0.0 { up } else { down }, pose))
-                    })
+                    .map(|cameras| slope(cameras.each_ref().map(|c| view.residuals(c, pose))))
                     .collect();
-                let by_pose: Vec<_> = (0..POSE)
-                    .map(|i| slope(|by| view.residuals(&camera, &moved(pose, i, by))))
-                    .collect();
-                let by_point: Vec<_> = (0..3)
-                    .map(|i| {
-                        slope(|by| {
-                            let mut shifted = view.clone();
-                            shifted.board_mm.iter_mut().for_each(|p| p[i] += by);
-                            shifted.residuals(&camera, pose)
-                        })
-                    })
-                    .collect();
+                let of_pose = |i, by| view.residuals(&camera, &moved(pose, &only(i, by)));
+                let by_pose: Vec<_> =
+                    (0..POSE).map(|i| slope([STEP, -STEP].map(|by| of_pose(i, by)))).collect();
+                let of_point = |i: usize, by: f64| {
+                    let mut shifted = view.clone();
+                    shifted.board_mm.iter_mut().for_each(|p| p[i] += by);
+                    shifted.residuals(&camera, pose)
+                };
+                let by_point: Vec<_> =
+                    (0..3).map(|i| slope([STEP, -STEP].map(|by| of_point(i, by)))).collect();
                 let residuals = view.residuals(&camera, pose);
                 let sight =
                     |(k, residual): (usize, &Vector2<f64>)| Sight {
@@ -242,11 +233,9 @@ impl Problem<'_> {
         let least = LEAST_SHARE * size_mm;
         let sd = |squares: f64, told: f64| (squares / told.max(1e-9)).sqrt().max(least);
         let board_mm = [sd(squares(0) + squares(1), told[0]), sd(squares(2), told[1])];
-        let count: usize = self.ids.iter().map(|ids| 2 * ids.len()).sum();
         let free = self.free.iter().filter(|f| **f).count() + POSE * self.views.len();
-        let left: f64 = self.residuals(state).iter().map(Vector2::norm_squared).sum();
-        let dof = count as f64 - free as f64 - told[0].max(0.0) - told[1].max(0.0);
-        (dof > 1.0).then(|| Spread { px: (left / dof).sqrt().max(1e-6), board_mm })
+        let dof = self.count() - free as f64 - told[0].max(0.0) - told[1].max(0.0);
+        (dof > 1.0).then(|| Spread { px: (self.squares(state) / dof).sqrt().max(1e-6), board_mm })
     }
 
     /// How well the lens is known. By the jackknife over views: each in turn is left out (one linear step from the fit), and the lenses
@@ -257,7 +246,7 @@ impl Problem<'_> {
         let views = self.views.len() as f64;
         let without = |v| {
             let step = spread.normal(&sights, state, Some(v)).solve()?;
-            Some(SVector::from_fn(|i, _| if self.free[i] { step[i] } else { 0.0 }))
+            Some(step.fixed_rows::<LENS>(0).into_owned())
         };
         let steps: Option<Vec<SVector<f64, LENS>>> =
             (0..self.views.len()).into_par_iter().map(without).collect();
@@ -268,7 +257,7 @@ impl Problem<'_> {
         let inverse = normal.inverse()?;
         let prior = spread.prior();
         let lens = inverse.rows(0, LENS).into_owned();
-        let mut board = SMatrix::<f64, LENS, LENS>::zeros();
+        let mut board = LensCovariance::zeros();
         for OfPoint { own, blocks, .. } in &normal.points {
             let mut pulls = SMatrix::<f64, LENS, 3>::zeros();
             for (r, block) in blocks {
@@ -276,10 +265,7 @@ impl Problem<'_> {
             }
             board += pulls * Matrix3::from_diagonal(&prior) * pulls.transpose();
         }
-        let covariance = SMatrix::<f64, LENS, LENS>::from_fn(|r, c| {
-            let both = self.free[r] && self.free[c];
-            if both { scatter[(r, c)] + board[(r, c)] } else { 0.0 }
-        });
+        let covariance = scatter + board;
         covariance.iter().all(|v| v.is_finite()).then_some(covariance)
     }
 }
@@ -289,11 +275,7 @@ impl State {
         let mut next = self.clone();
         next.lens = next.lens.plus(&(step.fixed_rows::<LENS>(0) * share));
         for (v, pose) in next.poses.iter_mut().enumerate() {
-            let at = LENS + POSE * v;
-            let turn = Vector3::new(step[at], step[at + 1], step[at + 2]) * share;
-            let shift = Vector3::new(step[at + 3], step[at + 4], step[at + 5]) * share;
-            *pose =
-                Pose { turn: Rotation3::new(turn) * pose.turn, shift_mm: pose.shift_mm + shift };
+            *pose = moved(pose, &(step.fixed_rows::<POSE>(LENS + POSE * v) * share));
         }
         next.off_mm.iter_mut().zip(points).for_each(|(off, step)| *off += step * share);
         next
@@ -303,25 +285,18 @@ impl State {
 /// Of a central difference: pixels, millimetres, radians, distortion.
 const STEP: f64 = 1e-5;
 
-/// Central differences.
-fn slope(f: impl Fn(f64) -> Vec<Vector2<f64>>) -> Vec<Vector2<f64>> {
-    f(STEP).iter().zip(f(-STEP)).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
+/// Central differences: what is seen a step ahead and a step behind.
+fn slope([ahead, behind]: [Vec<Vector2<f64>>; 2]) -> Vec<Vector2<f64>> {
+    ahead.iter().zip(behind).map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
 }
 
-/// The lens with one of its numbers changed.
-fn nudged(lens: &Lens, which: usize, by: f64) -> Lens {
-    let mut numbers = SVector::<f64, LENS>::zeros();
-    numbers[which] = by;
-    lens.plus(&numbers)
+/// One of some numbers changed.
+fn only<const N: usize>(which: usize, by: f64) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| if i == which { by } else { 0.0 })
 }
 
-/// The pose turned or shifted a little.
-fn moved(pose: &Pose, which: usize, by: f64) -> Pose {
-    let mut step = Vector3::zeros();
-    step[which % 3] = by;
-    if which < 3 {
-        Pose { turn: Rotation3::new(step) * pose.turn, ..*pose }
-    } else {
-        Pose { shift_mm: pose.shift_mm + step, ..*pose }
-    }
+/// The pose turned and shifted a little.
+fn moved(pose: &Pose, by: &SVector<f64, POSE>) -> Pose {
+    let [turn, shift]: [Vector3<f64>; 2] = [0, 3].map(|at| by.fixed_rows::<3>(at).into());
+    Pose { turn: Rotation3::new(turn) * pose.turn, shift_mm: pose.shift_mm + shift }
 }
