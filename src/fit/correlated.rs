@@ -69,10 +69,10 @@ pub struct Fit {
     pub wander: Wander,
     /// For every coefficient, the rows' weights in its estimate at the most likely grid point (p × n).
     pub influence: DMatrix<f64>,
-    /// Residual covariance at the most likely grid point (n × n).
-    pub row_covariance: DMatrix<f64>,
+    /// Residual covariance at the most likely grid point, of each group's rows: groups are independent.
+    pub row_covariance: Vec<DMatrix<f64>>,
     /// The part of that which wander makes.
-    pub wander_covariance: DMatrix<f64>,
+    pub wander_covariance: Vec<DMatrix<f64>>,
     /// Probability that groups are displaced at all.
     pub displaced: f64,
     /// Most likely standard deviation of a displacement, in x as in y.
@@ -153,13 +153,13 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
     }
     let displaced = candidates.iter().filter(|c| c.displacement > 0.0).map(weight).sum::<f64>();
     let residuals = &rows.y - &rows.design * &beta;
-    let [wander_covariance, white_covariance] = parts(rows, mean_variance, best.wandering);
-    let mut row_covariance = &wander_covariance + white_covariance;
+    let (mut row_covariance, mut wander_covariance) = parts(rows, mean_variance, best.wandering);
     let moved = displaced::most_likely(rows, &row_covariance, &residuals, best.displacement);
     displaced::add(rows, best.displacement, &mut row_covariance);
-    row_covariance *= best.scale;
-    let solved = row_covariance.clone().cholesky()?.solve(&rows.design);
-    let influence = rows.design.tr_mul(&solved).try_inverse()? * solved.transpose();
+    for block in row_covariance.iter_mut().chain(&mut wander_covariance) {
+        *block *= best.scale;
+    }
+    let influence = influence(rows, &row_covariance)?;
     Some(Fit {
         beta,
         covariance,
@@ -169,11 +169,20 @@ pub fn fit(rows: &Rows, known: Option<&Wander>) -> Option<Fit> {
         wander,
         influence,
         row_covariance,
-        wander_covariance: wander_covariance * best.scale,
+        wander_covariance,
         displaced: displaced / total,
         displacement_sd: (best.displacement * best.scale).sqrt(),
         moved,
     })
+}
+
+/// The rows' weights in the coefficients of generalised least squares (p × n).
+fn influence(rows: &Rows, covariance: &[DMatrix<f64>]) -> Option<DMatrix<f64>> {
+    let mut solved = rows.design.clone();
+    for (range, block) in groups(&rows.group).into_iter().zip(covariance) {
+        block.clone().cholesky()?.solve_mut(&mut solved.rows_range_mut(range));
+    }
+    Some(rows.design.tr_mul(&solved).try_inverse()? * solved.transpose())
 }
 
 /// Fits with every wander that may count; how many of them, the first ones, have none.

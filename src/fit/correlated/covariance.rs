@@ -92,21 +92,22 @@ pub fn groups(group: &[usize]) -> Vec<std::ops::Range<usize>> {
     ranges
 }
 
-/// Covariance of the rows where their groups stay in place, before scaling: what wanders and what does not.
-pub(super) fn parts(rows: &Rows, mean_variance: f64, wandering: Wandering) -> [DMatrix<f64>; 2] {
-    let n = rows.y.len();
+/// Covariance of each group's rows where the group stays in place, before scaling, and the part of it that wanders.
+pub(super) fn parts(
+    rows: &Rows,
+    mean_variance: f64,
+    wandering: Wandering,
+) -> (Vec<DMatrix<f64>>, Vec<DMatrix<f64>>) {
     let how_alike = if wandering.share > 0.0 {
         alike(rows, wandering.kernel.shape, wandering.length)
     } else {
         Vec::new()
     };
-    let (mut wander, mut white) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
-    for (i, range) in groups(&rows.group).into_iter().enumerate() {
+    let of_group = |(i, range): (usize, std::ops::Range<usize>)| {
         let of = |alike| block(rows, range.clone(), alike, mean_variance, wandering);
         let (all, still) = (of(how_alike.get(i)), of(None));
-        let place = (range.start, range.start);
-        white.view_mut(place, still.shape()).copy_from(&still);
-        wander.view_mut(place, all.shape()).copy_from(&(all - still));
-    }
-    [wander, white]
+        let wander = &all - still;
+        (all, wander)
+    };
+    groups(&rows.group).into_iter().enumerate().map(of_group).unzip()
 }

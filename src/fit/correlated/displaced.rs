@@ -113,19 +113,19 @@ fn normals(directions: &[Vector2<f64>]) -> DMatrix<f64> {
 }
 
 /// Adds the displacements' part to the covariance of the rows.
-pub(super) fn add(rows: &Rows, variance: f64, covariance: &mut DMatrix<f64>) {
+pub(super) fn add(rows: &Rows, variance: f64, covariance: &mut [DMatrix<f64>]) {
     let Some(directions) = &rows.displacement else { return };
-    for range in groups(&rows.group) {
-        let n = normals(&directions[range.clone()]);
-        let mut part = covariance.view_mut((range.start, range.start), (range.len(), range.len()));
-        part += &n * n.transpose() * variance;
+    for (range, block) in groups(&rows.group).into_iter().zip(covariance) {
+        let n = normals(&directions[range]);
+        *block += &n * n.transpose() * variance;
     }
 }
 
-/// What the most likely displacement of each group makes of its residuals; `covariance` is that of the rows in place.
+/// What the most likely displacement of each group makes of its residuals; `covariance` is that of each group's rows in
+/// place.
 pub(super) fn most_likely(
     rows: &Rows,
-    covariance: &DMatrix<f64>,
+    covariance: &[DMatrix<f64>],
     residuals: &DVector<f64>,
     variance: f64,
 ) -> DVector<f64> {
@@ -133,11 +133,10 @@ pub(super) fn most_likely(
     let Some(directions) = rows.displacement.as_ref().filter(|_| variance > 0.0) else {
         return moved;
     };
-    for range in groups(&rows.group) {
+    for (range, block) in groups(&rows.group).into_iter().zip(covariance) {
         let n = normals(&directions[range.clone()]);
         let (start, len) = (range.start, range.len());
-        let part = covariance.view((start, start), (len, len)).into_owned();
-        let Some(solved) = part.cholesky().map(|c| c.solve(&n)) else { continue };
+        let Some(solved) = block.clone().cholesky().map(|c| c.solve(&n)) else { continue };
         let inner = DMatrix::identity(2, 2) / variance + n.tr_mul(&solved);
         if let Some(inner) = inner.try_inverse() {
             let place = inner * solved.tr_mul(&residuals.rows(start, len));

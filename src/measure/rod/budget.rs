@@ -32,11 +32,10 @@ impl Sources<'_> {
     pub fn budget(&self, axis_u95_mm: [f64; 2], diameter_u95_mm: f64) -> Vec<Contribution> {
         let (nominal_weight, nominal_u_mm) = self.nominal.unwrap_or((0.0, 0.0));
         let (mut axis, mut diameter) = (Vec::new(), Vec::new());
-        for rows in groups(self.groups) {
+        for (rows, noise) in groups(self.groups).into_iter().zip(&self.fit.row_covariance) {
             let (start, count) = (rows.start, rows.len());
             let image = self.images[self.groups[start]];
             let influence = &self.gain * self.fit.influence.columns(start, count);
-            let noise = self.fit.row_covariance.view((start, start), (count, count));
             let part = (&influence * noise * influence.transpose()).diagonal();
             let source = format!("edge in {image}");
             axis.push((source.clone(), (0.5 * (part[0] + part[1])).max(0.0).sqrt()));

@@ -187,7 +187,15 @@ fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {
 /// The part of the radius' variance that wander of the rim makes.
 fn wander(fit: &Fit, rod: &Known) -> f64 {
     let rows = rod.gain.row(rod.values.len() - 1) * &fit.influence;
-    let of = |covariance: &DMatrix<f64>| (&rows * covariance * rows.transpose())[(0, 0)];
+    let of = |covariance: &[DMatrix<f64>]| {
+        let mut start = 0;
+        let of_group = |block: &DMatrix<f64>| {
+            let own = rows.columns(start, block.nrows());
+            start += block.nrows();
+            (own * block * own.transpose())[(0, 0)]
+        };
+        covariance.iter().map(of_group).sum::<f64>()
+    };
     let share = of(&fit.wander_covariance) / of(&fit.row_covariance);
     share.clamp(0.0, 1.0) * rod.radius_variance()
 }
