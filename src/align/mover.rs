@@ -162,25 +162,7 @@ impl Mover {
             }
             return Ok(());
         }
-        let before = self.programmed;
-        for (i, value) in block.axes.iter().enumerate() {
-            if let Some(v) = value {
-                if !v.is_finite() || v.abs() > 1e6 {
-                    let reason = format!("{} {v} is out of range", self.letters[i]);
-                    return Err(Stop::Refused((reason, "correct it")));
-                }
-                self.programmed[i] = Some(if i < 3 { *v } else { v.to_radians() });
-            }
-        }
-        if let Some(i) = self.programmed.iter().position(Option::is_none) {
-            let reason = format!("the position of {} is not known yet", self.letters[i]);
-            return Err(Stop::Refused((
-                reason,
-                "name all five axes in the first move (and after G28, G30, G53)",
-            )));
-        }
-        let target: Joints = self.programmed.map(|v| v.unwrap_or(0.0));
-        let start: Joints = std::array::from_fn(|i| before[i].unwrap_or(target[i]));
+        let [start, target] = self.programmed_move(block)?;
         let (chain, motion, rtcp) = (&self.chain, self.motion, self.rtcp);
         let path = |t: f64| -> ToolPose {
             let q: Joints = std::array::from_fn(|i| start[i] + t * (target[i] - start[i]));
@@ -213,8 +195,45 @@ impl Mover {
             self.through = through;
             return Ok(());
         }
+        self.blocks(block, &through, &end, &pose, out);
+        self.through = through;
+        Ok(())
+    }
+
+    /// Where a block's move starts and ends as programmed, which is kept for the next one.
+    fn programmed_move(&mut self, block: &Block<'_>) -> std::result::Result<[Joints; 2], Stop> {
+        let before = self.programmed;
+        for (i, value) in block.axes.iter().enumerate() {
+            if let Some(v) = value {
+                if !v.is_finite() || v.abs() > 1e6 {
+                    let reason = format!("{} {v} is out of range", self.letters[i]);
+                    return Err(Stop::Refused((reason, "correct it")));
+                }
+                self.programmed[i] = Some(if i < 3 { *v } else { v.to_radians() });
+            }
+        }
+        if let Some(i) = self.programmed.iter().position(Option::is_none) {
+            let reason = format!("the position of {} is not known yet", self.letters[i]);
+            return Err(Stop::Refused((
+                reason,
+                "name all five axes in the first move (and after G28, G30, G53)",
+            )));
+        }
+        let target: Joints = self.programmed.map(|v| v.unwrap_or(0.0));
+        Ok([std::array::from_fn(|i| before[i].unwrap_or(target[i])), target])
+    }
+
+    /// A moved block, and one for each point added to its move.
+    fn blocks(
+        &self,
+        block: &Block<'_>,
+        through: &[(f64, Joints)],
+        end: &Joints,
+        pose: &ToolPose,
+        out: &mut String,
+    ) {
         let mut done = 0.0;
-        for (n, (t, q)) in through.iter().chain([&(1.0, end)]).enumerate() {
+        for (n, (t, q)) in through.iter().chain([&(1.0, *end)]).enumerate() {
             let part = t - std::mem::replace(&mut done, *t);
             for &(letter, digits) in &block.words {
                 // Added points repeat only the feed of inverse time, which counts for each block.
@@ -232,7 +251,7 @@ impl Mover {
             if out.ends_with(' ') {
                 out.pop();
             }
-            self.axes(out, q, &pose);
+            self.axes(out, q, pose);
             if n == 0 {
                 for comment in &block.comments {
                     out.push(' ');
@@ -241,8 +260,6 @@ impl Mover {
             }
             out.push('\n');
         }
-        self.through = through;
-        Ok(())
     }
 
     /// Appends the five axis words.

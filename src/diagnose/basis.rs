@@ -1,7 +1,7 @@
 //! Smooth functions of one variable, of which shapes over one and two variables are made, and its distinct values and ranges of them.
 
 use crate::diagnose::experiment::Variable;
-use crate::diagnose::generic::DEGREES;
+use crate::diagnose::shape::DEGREES;
 use crate::fit::robust::range;
 
 /// Highest harmonic of a surface round a turn.

@@ -4,7 +4,8 @@ use std::fmt::Write as _;
 
 use crate::diagnose::basis::{Basis, level_edges, middle};
 use crate::diagnose::experiment::Layout;
-use crate::diagnose::generic::{Shape, Term};
+use crate::diagnose::generic::Term;
+use crate::diagnose::shape::Shape;
 
 impl Term {
     /// The formula of the shape with these coefficients, in units of `unit`.

@@ -5,32 +5,10 @@ use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::basis::{
-    Basis, distinct, legendre, level_edges, middle, of_order, orders, smooth,
-};
+use crate::diagnose::basis::{Basis, distinct, legendre, level_edges, middle, orders, smooth};
 use crate::diagnose::experiment::{Direction, Layout, Variable};
+use crate::diagnose::shape::{PLACES, Shape, shapes};
 use crate::fit::robust::range;
-
-/// A shape in one variable.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Shape {
-    /// `order` cycles a turn (cosine and sine).
-    Harmonic(u32),
-    /// Legendre polynomial of this degree over the variable's range.
-    Power(u32),
-    /// A jump at this value.
-    Step(f64),
-    /// Any function: a level of its own for each of this many ranges of the variable.
-    Levels(usize),
-    /// A Gaussian bump at a value, with a standard deviation.
-    Bump(f64, f64),
-    /// So many cycles over the variable's range (cosine and sine).
-    Wave(f64),
-    /// A function of one order of the variable times one of another variable: that variable, both orders.
-    Product(usize, u32, u32),
-    /// Any smooth function of the variable and this other one together: products of low orders in each.
-    Surface(usize),
-}
 
 /// A shape in one variable, seen along one direction.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,14 +21,6 @@ pub struct Term {
     pub shape: Shape,
 }
 
-/// Highest harmonic tried in an angle.
-const HARMONICS: u32 = 8;
-/// Distinct values from which on a step is another shape than a line.
-const LEAST_OF_A_STEP: usize = 3;
-/// The same of a bump at one of them.
-const LEAST_OF_A_BUMP: usize = 4;
-/// Places of a step that are tried over the range of a variable.
-const PLACES: usize = 12;
 /// Values on either side of a step, where there are many.
 const STEP_BESIDE: usize = 3;
 /// Most cycles of a wave over the range of a variable, in halves, from two on: slower ones are polynomials.
@@ -59,17 +29,9 @@ const WAVES: std::ops::RangeInclusive<u32> = 2..=12;
 const VALUES_TO_A_CYCLE: f64 = 4.0;
 /// Highest order in either variable of a product.
 const PRODUCT_ORDER: u32 = 3;
-/// Products of orders that add up to no more than one above that.
-const PRODUCTS: f64 = 6.0;
 /// Places of a step tried between two of the dictionary's, at most.
 const MOST_PLACES: usize = 64;
-/// Highest polynomial degree tried.
-pub(super) const DEGREES: u32 = 4;
 
-/// Levels of a free function: fewer find smooth functions with less noise, more follow fast ones.
-const LEVELS: [usize; 2] = [24, 48];
-/// Least distinct values to a level of the finer functions.
-const VALUES_TO_A_LEVEL: usize = 3;
 /// Least captures to a level or an order of a surface, where the variable is set for a whole capture.
 const CAPTURES_TO_A_LEVEL: usize = 2;
 
@@ -319,98 +281,4 @@ fn seen<'a>(direction: &Direction, variable: &'a Variable) -> Cow<'a, [f64]> {
 fn varies(values: &[f64]) -> bool {
     let (low, high) = range(values);
     high > low
-}
-
-/// Shapes that the distinct values of a variable can carry.
-pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
-    let distinct = distinct(values);
-    let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
-    let count = distinct.len();
-    let mut shapes = Vec::new();
-    if count < 2 {
-        return shapes;
-    }
-    if angle {
-        let most = HARMONICS.min((count as u32).saturating_sub(1) / 2 + 1);
-        shapes.extend((1..=most).map(Shape::Harmonic));
-    }
-    let whole_turn = angle && high - low > 270.0;
-    if !whole_turn {
-        shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
-    }
-    if count >= LEAST_OF_A_STEP {
-        let spots = PLACES.min(count - 1);
-        for s in 0..spots {
-            let i = ((s as f64 + 0.5) / spots as f64 * (count - 1) as f64) as usize;
-            let i = i.min(count - 2);
-            shapes.push(Shape::Step(0.5 * (distinct[i] + distinct[i + 1])));
-        }
-    }
-    if count >= 8 && values.len() >= 60 {
-        shapes.push(Shape::Levels(count.min(LEVELS[0])));
-        if count >= VALUES_TO_A_LEVEL * LEVELS[1] {
-            shapes.push(Shape::Levels(LEVELS[1]));
-        }
-    }
-    if (LEAST_OF_A_BUMP..8).contains(&count) {
-        // One value alone, which is no end: those are steps.
-        let gap = distinct.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
-        shapes.extend(distinct[1..count - 1].iter().map(|at| Shape::Bump(*at, gap / 4.0)));
-    }
-    if count >= 8 {
-        let spots = 16.min(count);
-        for width in [(high - low) / 20.0, (high - low) / 8.0] {
-            for s in 0..spots {
-                let i = (s as f64 / (spots - 1) as f64 * (count - 1) as f64).round() as usize;
-                shapes.push(Shape::Bump(distinct[i], width));
-            }
-        }
-    }
-    shapes
-}
-
-impl Shape {
-    /// Whether it is a function of no set form.
-    pub fn is_free(self) -> bool {
-        matches!(self, Self::Levels(_) | Self::Surface(_))
-    }
-
-    /// Whether it stands at a place, or has a number of cycles, that is searched for.
-    pub fn is_placed(self) -> bool {
-        matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
-    }
-
-    /// The functions of one variable and of another whose products make a shape over both.
-    pub(super) fn factors(self, v: &Variable, w: &Variable) -> (Vec<Basis>, Vec<Basis>) {
-        match self {
-            Self::Product(_, p, q) => (of_order(v, p), of_order(w, q)),
-            _ => (smooth(v), smooth(w)),
-        }
-    }
-
-    /// Whether a constant goes with it: what comes as one whole of cycles, or changes sign with another variable, needs none.
-    pub fn has_constant(self) -> bool {
-        !matches!(self, Self::Harmonic(_) | Self::Product(..))
-    }
-
-    /// How many of its kind the variables offer: one each, or for every pair of them, and a product of any orders.
-    pub(super) fn among(self, variables: usize) -> f64 {
-        let one = variables as f64;
-        let pairs = 0.5 * one * (one - 1.0);
-        match self {
-            Self::Surface(_) => pairs,
-            Self::Product(..) => pairs * PRODUCTS,
-            _ => one,
-        }
-    }
-
-    /// Numbers chosen from a grid besides the coefficients.
-    pub fn places(self) -> usize {
-        match self {
-            Self::Harmonic(_) | Self::Power(_) | Self::Levels(_) => 0,
-            Self::Surface(_) | Self::Product(..) => 0,
-            Self::Step(_) | Self::Wave(_) => 1,
-            Self::Bump(..) => 2,
-        }
-    }
 }

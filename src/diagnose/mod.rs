@@ -31,5 +31,6 @@ mod rim;
 pub mod run;
 pub mod score;
 pub mod select;
+pub mod shape;
 mod sizes;
 mod unnamed;

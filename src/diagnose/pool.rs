@@ -7,7 +7,8 @@ use nalgebra::{DMatrix, DVector};
 use crate::diagnose::algebra::transposed_times;
 use crate::diagnose::experiment::{Active, Parameter, size_columns};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
-use crate::diagnose::generic::{Shape, Term, dictionary};
+use crate::diagnose::generic::{Term, dictionary};
+use crate::diagnose::shape::Shape;
 
 /// What a candidate would add.
 #[derive(Debug, Clone, PartialEq)]

@@ -134,27 +134,7 @@ fn in_frame(
     let mut planes = Vec::new();
     let mut warnings = Vec::new();
     for &expect_mm in &options.expect_mm {
-        let radius_px = 0.5 * expect_mm / view.pixel_mm();
-        if radius_px < 4.0 {
-            return Err(Error::option(
-                "--expect-mm",
-                format!(
-                    "{expect_mm} mm is only {:.1} px across with this calibration",
-                    2.0 * radius_px
-                ),
-                "check the unit (mm) and the calibration's scale",
-            ));
-        }
-        if radius_px > 4.0 * view.width_px().max(view.height_px()) as f64 {
-            return Err(Error::option(
-                "--expect-mm",
-                format!(
-                    "{expect_mm} mm is {:.0} px across with this calibration, far more than the frame",
-                    2.0 * radius_px
-                ),
-                "check the unit (mm) and the calibration's scale",
-            ));
-        }
+        let radius_px = expected_radius_px(expect_mm, view)?;
         let seen = expected::measure(frame, view, &look, expect_mm).ok_or_else(|| {
             Error::measure(
                 subject,
@@ -179,40 +159,7 @@ fn in_frame(
                 "check the expected diameters and the calibration's scale",
             ));
         }
-        if !seen.alike.is_empty() {
-            let places = seen.alike.iter().map(|p| format!("({:.2}, {:.2}) mm", p.x, p.y));
-            warnings.push(format!(
-                "{} circles of about {expect_mm} mm are seen: this is the one at ({:.2}, {:.2}) mm, the others are at {}",
-                seen.alike.len() + 1,
-                ring.circle.center.x,
-                ring.circle.center.y,
-                places.collect::<Vec<_>>().join(", ")
-            ));
-        }
-        let found_mm = 2.0 * ring.circle.radius;
-        if (found_mm / expect_mm - 1.0).abs() > expected::FAR {
-            warnings.push(format!(
-                "the circle found measures {found_mm:.4} mm where {expect_mm} mm was expected: is it the one that is meant?"
-            ));
-        }
-        if ring.arc_coverage < 0.5 {
-            warnings.push(format!(
-                "only {:.0} % of the {expect_mm} mm circle's edge was found",
-                100.0 * ring.arc_coverage
-            ));
-        }
-        if !round::is_regular(&ring) {
-            warnings.push(format!(
-                "the {expect_mm} mm circle's edge wanders by {:.4} mm rms: check that it is round",
-                ring.form_rms_mm
-            ));
-        }
-        if let Some(other_mm) = ring.other_mm {
-            warnings.push(format!(
-                "light from one side shows only a part of the {expect_mm} mm circle's edge, and elsewhere another one of {other_mm:.2} mm: a chamfer? Even light shows both all round"
-            ));
-        }
-        warnings.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
+        warnings.extend(doubts(expect_mm, &ring, &seen.alike));
         let plane = PlaneErrors::of(view, &ring);
         circles.push(Expected { expect_mm, circle: CircleReport::of(&ring, &plane) });
         planes.push(plane);
@@ -220,6 +167,62 @@ fn in_frame(
     }
     let pairs = pairs(&rings, &planes);
     Ok(Measured { report: Report { circles, pairs, channel, warnings }, rings })
+}
+
+/// The radius of an expected circle in the picture; refused where it is a dot or far larger than the frame.
+fn expected_radius_px(expect_mm: f64, view: &View) -> Result<f64> {
+    let radius_px = 0.5 * expect_mm / view.pixel_mm();
+    let trouble = if radius_px < 4.0 {
+        format!("{expect_mm} mm is only {:.1} px across with this calibration", 2.0 * radius_px)
+    } else if radius_px > 4.0 * view.width_px().max(view.height_px()) as f64 {
+        format!(
+            "{expect_mm} mm is {:.0} px across with this calibration, far more than the frame",
+            2.0 * radius_px
+        )
+    } else {
+        return Ok(radius_px);
+    };
+    Err(Error::option("--expect-mm", trouble, "check the unit (mm) and the calibration's scale"))
+}
+
+/// What a user should know of a circle that was found, and of those as large that were not taken.
+fn doubts(expect_mm: f64, ring: &Ring, alike: &[Vector2<f64>]) -> Vec<String> {
+    let mut doubts = Vec::new();
+    if !alike.is_empty() {
+        let places = alike.iter().map(|p| format!("({:.2}, {:.2}) mm", p.x, p.y));
+        doubts.push(format!(
+            "{} circles of about {expect_mm} mm are seen: this is the one at ({:.2}, {:.2}) mm, the others are at {}",
+            alike.len() + 1,
+            ring.circle.center.x,
+            ring.circle.center.y,
+            places.collect::<Vec<_>>().join(", ")
+        ));
+    }
+    let found_mm = 2.0 * ring.circle.radius;
+    if (found_mm / expect_mm - 1.0).abs() > expected::FAR {
+        doubts.push(format!(
+            "the circle found measures {found_mm:.4} mm where {expect_mm} mm was expected: is it the one that is meant?"
+        ));
+    }
+    if ring.arc_coverage < 0.5 {
+        doubts.push(format!(
+            "only {:.0} % of the {expect_mm} mm circle's edge was found",
+            100.0 * ring.arc_coverage
+        ));
+    }
+    if !round::is_regular(ring) {
+        doubts.push(format!(
+            "the {expect_mm} mm circle's edge wanders by {:.4} mm rms: check that it is round",
+            ring.form_rms_mm
+        ));
+    }
+    if let Some(other_mm) = ring.other_mm {
+        doubts.push(format!(
+            "light from one side shows only a part of the {expect_mm} mm circle's edge, and elsewhere another one of {other_mm:.2} mm: a chamfer? Even light shows both all round"
+        ));
+    }
+    doubts.extend(ring.clip_warning(&format!("{expect_mm} mm circle")));
+    doubts
 }
 
 /// The clearest circles of a picture, for one who finds that his is not among them.

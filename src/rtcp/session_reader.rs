@@ -272,41 +272,10 @@ impl Reader<'_> {
             axis[i].value = self.length("rod.center_mm", center[i])?;
             axis[i].u = self.uncertainty("rod.center_u_mm", u[i])?;
         }
-        let diameter = match (rod.diameter_mm, diameter) {
-            (given @ Some(_), measured) => {
-                let given = self.given("rod.diameter", given, rod.diameter_u_mm)?;
-                if let Some(m) = measured
-                    && (m.value - given.value).abs() > 3.0 * m.u.hypot(given.u)
-                {
-                    self.warnings.push(format!(
-                        "the camera measures a diameter of {:.4} mm, diameter_mm says {:.4} mm: is it the same rod?",
-                        m.value, given.value
-                    ));
-                }
-                given
-            }
-            (None, Some(measured)) => measured,
-            (None, None) => {
-                let reason = "is missing";
-                return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
-            }
-        };
-        if diameter.value <= 0.0 {
-            let reason = format!("is {}", diameter.value);
-            return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
-        }
-        self.warnings.extend(units::rod("rod.diameter_mm", diameter.value));
+        let diameter_mm = self.diameter(rod, diameter)?;
+        let e = eccentricity.or(checks.rod_runout_mm.map(|r| r / 2.0));
+        let e = e.unwrap_or_else(|| self.allowed_eccentricity(is_rods, checks));
         // Where its angle is not known a rod's centre may lie anywhere on its small circle.
-        let e = eccentricity.or(checks.rod_runout_mm.map(|r| r / 2.0)).unwrap_or_else(|| {
-            let allowed = if is_rods { checks.tolerance_mm / 2.0 } else { 0.0 };
-            if is_rods {
-                self.warnings.push(format!(
-                    "S2, rod: nothing tells how eccentric it is to the C axis: {allowed} mm is taken, half the run-out that is allowed; \
-                     see it at two C angles or more, or give checks.rod_runout_mm"
-                ));
-            }
-            allowed
-        });
         let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
         // From one place on that circle to another.
         let turned = Measured { value: 0.0, u: e };
@@ -318,8 +287,43 @@ impl Reader<'_> {
             axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
             rod_offset_mm,
             offset_follows,
-            diameter_mm: diameter,
+            diameter_mm,
         })
+    }
+
+    /// The rod's diameter: as given, else as the camera measured it.
+    fn diameter(&mut self, rod: &Rod, seen: Option<Measured>) -> Result<Measured> {
+        let given = rod.diameter_mm.is_some();
+        let given = given.then(|| self.given("rod.diameter", rod.diameter_mm, rod.diameter_u_mm));
+        let given = given.transpose()?;
+        if let (Some(given), Some(seen)) = (given, seen)
+            && (seen.value - given.value).abs() > 3.0 * seen.u.hypot(given.u)
+        {
+            self.warnings.push(format!(
+                "the camera measures a diameter of {:.4} mm, diameter_mm says {:.4} mm: is it the same rod?",
+                seen.value, given.value
+            ));
+        }
+        let diameter = given.or(seen);
+        let Some(diameter) = diameter.filter(|d| d.value > 0.0) else {
+            let reason = diameter.map_or("is missing".to_owned(), |d| format!("is {}", d.value));
+            return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
+        };
+        self.warnings.extend(units::rod("rod.diameter_mm", diameter.value));
+        Ok(diameter)
+    }
+
+    /// How eccentric a rod may be to the C axis of which nothing tells it.
+    fn allowed_eccentricity(&mut self, is_rods: bool, checks: &Checks) -> f64 {
+        if !is_rods {
+            return 0.0;
+        }
+        let allowed = checks.tolerance_mm / 2.0;
+        self.warnings.push(format!(
+            "S2, rod: nothing tells how eccentric it is to the C axis: {allowed} mm is taken, half the run-out that is allowed; \
+             see it at two C angles or more, or give checks.rod_runout_mm"
+        ));
+        allowed
     }
 
     /// The machine as the control holds it now; what is not given is taken as zero.
