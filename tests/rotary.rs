@@ -172,6 +172,8 @@ fn controls_get_their_tables_in_their_own_sense() {
     let siemens = table("siemens", &["--axis", "C1"]);
     assert!(siemens.contains("$AA_ENC_COMP[0,7,C1]=0.0023\n"), "{siemens}");
     assert!(siemens.contains("$AA_ENC_COMP_IS_MODULO[0,C1]=1\nM17\n"), "{siemens}");
+    // The axis lags by 0.0006° whichever way it goes: the control's backlash is positive.
+    assert!(siemens.contains("backlash 0.0006: add it to MD32450"), "{siemens}");
     assert!(siemens.contains("STEP[0,C1]=45.0\n") && siemens.contains("MAX[0,C1]=360.0\n"));
     let linuxcnc = table("linuxcnc", &[]);
     assert!(linuxcnc.contains("315.000000 -0.0020 -0.0026\n"), "{linuxcnc}");

@@ -237,8 +237,8 @@ fn siemens(grid: &Grid, modulo: bool, options: &Options) -> String {
         values.iter_mut().zip(down).for_each(|(u, d)| *u = 0.5 * (*u + d));
         let _ = writeln!(
             out,
-            "; values are the mean of both directions; mean reversal {}: add it to MD32450 $MA_BACKLASH[0]",
-            number(reversal, options.resolution_deg)
+            "; values are the mean of both directions; backlash {}: add it to MD32450 $MA_BACKLASH[0] (positive: the axis stays behind its encoder)",
+            number(-reversal, options.resolution_deg)
         );
     }
     for (i, value) in values.iter().enumerate() {
