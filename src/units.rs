@@ -44,7 +44,11 @@ pub fn angles(name: &str, values: &[f64]) -> Option<String> {
         }
         multiples.insert(multiple as i64);
     }
-    (multiples.len() >= 3).then(|| {
+    // Of fewer angles, quarters and twelfths of a turn to more digits than people set degrees to.
+    let set = |v: &f64| (v * 100.0 - (v * 100.0).round()).abs() < 1e-6;
+    let few =
+        multiples.iter().all(|m| m % 3 == 0) && !values.iter().filter(|v| **v != 0.0).any(set);
+    (multiples.len() >= 3 || !multiples.is_empty() && few).then(|| {
         format!("column '{name}' has multiples of 5° in radians alone: if it is in radians, turn it into degrees")
     })
 }
@@ -63,6 +67,38 @@ pub fn errors(name: &str, values: &[f64]) -> Option<String> {
     } else {
         None
     }
+}
+
+/// Corrections of a rotary axis in degrees: says so where they are larger than any axis needs.
+pub fn corrections(name: &str, values: &[f64]) -> Option<String> {
+    const MOST_DEG: f64 = 1.0;
+    let largest = values.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+    (largest > MOST_DEG).then(|| {
+        format!(
+            "column '{name}' reaches {largest:.1}°: if it is in seconds of arc or in thousandths, turn it into degrees"
+        )
+    })
+}
+
+/// Positions along a machine's axis in mm: says so where they look like metres or micrometres.
+pub fn travel(name: &str, values: &[f64]) -> Option<String> {
+    let (low, high) = range(values);
+    let unit = match high - low {
+        span if span > 0.0 && span < 5.0 => "metres",
+        span if span > 20_000.0 => "micrometres",
+        _ => return None,
+    };
+    Some(format!(
+        "column '{name}' spans {:.4} mm: if it is in {unit}, turn it into millimetres",
+        high - low
+    ))
+}
+
+/// A standard uncertainty of a length that was read at a machine, mm.
+pub fn uncertainty(name: &str, mm: f64) -> Option<String> {
+    const MOST_MM: f64 = 0.1;
+    (mm > MOST_MM)
+        .then(|| format!("{name} is {mm} mm: if it is in micrometres, write {:.6} (mm)", 1e-3 * mm))
 }
 
 /// Machine positions from which pictures of one thing were taken: says so where they lie closer together, or farther apart, than what a picture
@@ -139,9 +175,14 @@ mod tests {
         let radians: Vec<f64> =
             degrees.iter().map(|d| (1e4 * d.to_radians()).round() / 1e4).collect();
         assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
-        for right in
-            [degrees, vec![0.0; 4], vec![-6.0, -3.0, 3.0, 6.0], vec![-0.002, 0.001, 2.3562]]
-        {
+        assert!(angles("c_deg", &[0.0, 1.5708]).is_some());
+        for right in [
+            degrees,
+            vec![0.0; 4],
+            vec![-6.0, -3.0, 3.0, 6.0],
+            vec![-0.002, 0.001, 2.3562],
+            vec![0.0, 1.57],
+        ] {
             assert_eq!(angles("b_deg", &right), None);
         }
         // As they are set, in steps of any tenth of a degree.

@@ -128,12 +128,24 @@ fn solve(touches: &Touches, options: &Options) -> Result<Lie> {
     })
 }
 
+/// Faces that are touched are flatter than this, standard deviation.
+const ROUGH_MM: f64 = 0.2;
+
 /// Fits the blank's position; warnings go to `warnings`.
 pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> Result<Alignment> {
     options.check()?;
     warnings.extend(touches.warnings.iter().cloned());
     let lie = solve(touches, options)?;
     let touch = touch(touches, options, lie.left_mm2, warnings);
+    if let Some(scatter) = Scatter::of(lie.left_mm2, touches.face.len().saturating_sub(3))
+        && scatter.sd_mm > ROUGH_MM
+    {
+        warnings.push(format!(
+            "the face's touches lie {:.3} mm (standard deviation) off their plane: a reading, its sign or its unit may be wrong; look at the \
+             farthest before the path is moved",
+            scatter.sd_mm
+        ));
+    }
     let best = lie.values;
     let u95 = u95(touches, options, best, &touch)?;
     let touched = touches.sides.iter().all(|s| !s.is_empty());

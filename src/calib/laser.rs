@@ -151,6 +151,9 @@ pub fn calibrate(shots: &[Shot], calibration: &Calibration, diameter_mm: f64) ->
     average(burns, [0, 1].map(|k| K95 * plane[(k, k)].sqrt()))
 }
 
+/// A laser axis that is known no better than this (95 %) is not known: no machine places its burns so badly.
+const MOST_UNSURE_MM: f64 = 0.5;
+
 /// The burn whose offset is farthest from the median, and how far, where that is no scatter: [`FAR`] times what the
 /// middle one is off, or [`LEAST_OFF_MM`] at least.
 fn odd_one_out(burns: &[ShotReport]) -> Option<(usize, f64)> {
@@ -180,6 +183,16 @@ fn average(mut burns: Vec<ShotReport>, plane_u95_mm: [f64; 2]) -> Result<Report>
         let scatter = if n > 1.0 { k95(n - 1.0) * (squares / (n - 1.0) / n).sqrt() } else { 0.0 };
         measured.max(scatter).hypot(plane_u95_mm[k])
     });
+    if offset_u95_mm.iter().any(|u95| *u95 > MOST_UNSURE_MM) {
+        return Err(Error::measure(
+            "burns",
+            format!(
+                "they do not agree where the laser axis is: ({:.3} ± {:.3}, {:.3} ± {:.3}) mm",
+                offset_mm[0], offset_u95_mm[0], offset_mm[1], offset_u95_mm[1]
+            ),
+            "check burn_x_mm, burn_y_mm, x_mm and y_mm (mm, machine coordinates), and the calibration's signs",
+        ));
+    }
     for b in &mut burns {
         b.residual_mm = [0, 1].map(|k| b.offset_mm[k] - offset_mm[k]);
     }

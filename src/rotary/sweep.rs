@@ -118,6 +118,8 @@ impl Sweep {
         let (rows, mut warnings) = copies::runs_once(table);
         warnings.extend(units::angles("angle_deg", &table.column("angle_deg")?));
         warnings.extend(units::errors("deviation_mm", &table.column("deviation_mm")?));
+        let comp = table.optional_column("comp_deg")?.unwrap_or_default();
+        warnings.extend(units::corrections("comp_deg", &comp));
         for row in rows {
             let angle = table.number(row, "angle_deg")?;
             if angle.abs() > 36_000.0 {

@@ -85,7 +85,8 @@ impl Data {
         }
         let displacement_mm = table.column("displacement_mm")?;
         let mut rises_c = vec![Vec::with_capacity(sensors.len()); table.rows()];
-        let mut warnings = Vec::new();
+        let mut warnings: Vec<String> =
+            units::errors("displacement_mm", &displacement_mm).into_iter().collect();
         let mut looks_absolute = cold_c.is_empty();
         for (i, name) in sensors.iter().enumerate() {
             let cold = cold_c.get(i).copied().unwrap_or(0.0);

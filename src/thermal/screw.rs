@@ -51,7 +51,12 @@ impl Data {
                 None => axes.push((name, vec![point])),
             }
         }
-        let warnings = units::celsius("screw_c", &table.column("screw_c")?).into_iter().collect();
+        let told = [
+            units::celsius("screw_c", &table.column("screw_c")?),
+            units::travel("position_mm", &table.column("position_mm")?),
+            units::errors("error_mm", &table.column("error_mm")?),
+        ];
+        let warnings = told.into_iter().flatten().collect();
         Ok(Self { axes, path: table.path().to_owned(), warnings })
     }
 }

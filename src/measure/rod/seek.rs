@@ -224,7 +224,8 @@ fn radii(
         .collect();
     radial.iter().for_each(|(_, c)| each[*c] += 1.0);
     for (r, c) in &radial {
-        counts[((r - near) / width) as usize + 1] += 1.0 / each[*c].max(50.0);
+        let bin = ((r - near) / width) as usize + 1;
+        counts[bin.min(bins - 1)] += 1.0 / each[*c].max(50.0);
     }
     let smooth = |i: usize| counts[i - 1] + 2.0 * counts[i] + counts[i + 1];
     let mut peaks = Vec::new();
