@@ -192,6 +192,31 @@ fn the_command_gives_the_contracts_keys_and_a_machine_file() {
     assert!((machine.head.r_mm - R).abs() < 1e-9 && machine.table.xc_mm == 412.3);
 }
 
+/// What a machine file says beside the numbers is kept where the session names it, and lost in no case.
+#[test]
+fn a_machine_file_keeps_its_target_its_travel_and_its_other_errors() {
+    let folder = tempfile::tempdir().unwrap();
+    let (session, machine) = (folder.path().join("s.toml"), folder.path().join("machine.toml"));
+    let old = "schema = 1\nname = \"cell\"\n[head]\nr_mm = 214.6\n[target]\nposition_mm = [80.0, 0.0, 100.0]\n[axes.B]\nlimits_deg = [-95.0, 95.0]\n\
+               [[effects]]\nname = \"pivot-length\"\nparameters = { r_mm = 0.1 }\n[[effects]]\nname = \"b-backlash\"\nparameters = { width_deg = 0.004 }\n";
+    std::fs::write(&machine, old).unwrap();
+    std::fs::write(&session, SESSION).unwrap();
+    let write = ["--write-machine", machine.to_str().unwrap()];
+    let (code, _, stderr) = command(&session, &write);
+    assert!(code == 2 && stderr.contains("[target], limits of [axes], [[effects]]"), "{stderr}");
+    assert_eq!(std::fs::read_to_string(&machine).unwrap(), old);
+    std::fs::write(&session, format!("{SESSION}[control]\nmachine = \"machine.toml\"\n")).unwrap();
+    let new = folder.path().join("new.toml");
+    let (code, _, stderr) = command(&session, &["--write-machine", new.to_str().unwrap()]);
+    assert_eq!(code, 0, "{stderr}");
+    let (old, new) = (Machine::read(&machine).unwrap(), Machine::read(&new).unwrap());
+    assert!((new.head.r_mm - R).abs() < 1e-9 && new.table.xc_mm == 412.3);
+    assert_eq!((new.target, &new.axes), (old.target, &old.axes));
+    // R was measured anew: what was wrong with it is gone.
+    let left: Vec<&str> = new.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(left, ["b-backlash"]);
+}
+
 #[test]
 fn results_of_burn_and_rod_are_taken_from_their_files() {
     let folder = tempfile::tempdir().unwrap();
@@ -288,6 +313,17 @@ fn a_wrong_check_touch_fails_loudly_and_writes_nothing() {
         assert_eq!(json["check_touch"]["verdict"], if code == 0 { "pass" } else { "fail" });
         let _ = std::fs::remove_file(&machine);
     }
+    // Beyond its interval and within the limit it passes, with a word.
+    let (_, json, _) = command(&session, &[]);
+    let u95 = json["check_touch"]["difference_u95_mm"].as_f64().unwrap();
+    let x45 = right + 1.25 * u95;
+    let micrometres = SESSION.replace("x1_u_mm = 0.001", "x1_u_mm = 1.0");
+    std::fs::write(&session, format!("{SESSION}x45_mm = {x45}\nx45_u_mm = 0.001\n")).unwrap();
+    let (code, json, stderr) = command(&session, &[]);
+    let limit = json["check_touch"]["limit_mm"].as_f64().unwrap();
+    assert!(code == 0 && limit > 1.25 * u95 && stderr.contains("one of twenty"), "{stderr}");
+    std::fs::write(&session, micrometres).unwrap();
+    assert!(command(&session, &[]).2.contains("if it is in micrometres, write 0.001000"));
 }
 
 #[test]

@@ -6,9 +6,10 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::Serialize;
 
+use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result, rows};
 use crate::error::Result;
-use crate::machine::Machine;
+use crate::machine::{Machine, entered};
 use crate::output::Document;
 use crate::rtcp::export::{Confidence, Control, Export, Parameter, differences, export};
 
@@ -24,6 +25,9 @@ pub struct Args {
     /// Show only what changes against the machine file the control was set from
     #[arg(long, value_name = "OLD")]
     diff: Option<PathBuf>,
+    /// Write the machine file these numbers make: what its effects correct in [head] and [table] is in them
+    #[arg(long, value_name = "FILE")]
+    write_machine: Option<OutFile>,
     /// Write the files into this folder instead of printing them
     #[arg(long, value_name = "DIR")]
     dir: Option<PathBuf>,
@@ -73,12 +77,21 @@ pub struct Line {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let machine = Machine::read(&args.machine)?;
+    let (machine, folded) = entered(&Machine::read(&args.machine)?);
     let made = export(&machine, args.control)?;
     let unconfirmed =
         made.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();
     let mut warnings = machine.doubts();
+    warnings.extend(folded.iter().map(|e| {
+        format!(
+            "{} is {:.4} here, {:.4} in the machine file: its effect {} is entered",
+            e.key, e.new_mm, e.now_mm, e.effect
+        )
+    }));
     warnings.extend(machine.effects_left_out());
+    if let Some(path) = &args.write_machine {
+        global.write(path, machine.to_toml().as_bytes())?;
+    }
     if unconfirmed > 0 {
         warnings.push(format!(
             "{unconfirmed} of {} values are marked NOT CONFIRMED: check them against the control's manual",

@@ -1,15 +1,16 @@
 //! `pivotsight solve`: from a session's readings to the values a control wants.
 
 use std::fmt::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, Status, result};
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::machine::Machine;
 use crate::output::Document;
 use crate::rtcp::Session;
 use crate::rtcp::report::{Replaced, Solution};
-use crate::rtcp::solve::{Solved, solve};
+use crate::rtcp::solve::{Check, Solved, solve};
 use crate::uncertainty::Verdict;
 
 /// A value of the control that changes by more is doubted, mm.
@@ -31,7 +32,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let session = Session::read(&args.session)?;
     global.reads(&args.session, &session.files)?;
     let solved = solve(&session.readings).map_err(|e| e.in_file(&args.session, None))?;
-    let machine = solved.machine(&session.name, session.c_sense, session.standoff_mm.value);
+    let mut machine = solved.machine(&session.name, session.c_sense, session.standoff_mm.value);
     let solution = Solution::new(&session, &solved, &machine)?;
     let mut warnings = session.warnings.clone();
     warnings.extend(doubts(&solved));
@@ -42,7 +43,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             warnings
                 .push(format!("{}: not written, because the check touch fails", path.display()));
         }
-        Some(path) => global.write(path, machine.to_toml().as_bytes())?,
+        Some(path) => {
+            match session.control.as_ref().filter(|_| session.control_has_sense) {
+                Some(old) => machine = machine.within(old),
+                None => keeps_more(path)?,
+            }
+            global.write(path, machine.to_toml().as_bytes())?;
+        }
         None => {}
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
@@ -51,6 +58,19 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let good = solution.verdict.is_none_or(|v| v == Verdict::Pass);
     let status = if good { Status::Good } else { Status::OutOfTolerance };
     Ok(Outcome { document: Some(Document::single(json, table(&solution))), status })
+}
+
+/// Refuses to write numbers over a machine file that holds more than numbers.
+fn keeps_more(path: &Path) -> Result<()> {
+    let there = path.is_file().then(|| Machine::read(path).ok()?.more_than_numbers()).flatten();
+    match there {
+        Some(parts) => Err(Error::option(
+            "--write-machine",
+            format!("{} holds {parts}, which would be lost", path.display()),
+            "name it in the session, [control] machine = \"...\": what it holds beside the numbers is kept; or write another file",
+        )),
+        None => Ok(()),
+    }
 }
 
 /// Results that are possible but unlikely.
@@ -82,6 +102,15 @@ fn doubts(solved: &Solved) -> Vec<String> {
             check.measured_mm,
             check.difference_mm.value,
             check.difference_mm.u95()
+        ));
+    }
+    let unlikely = |c: &Check| c.difference_mm.value.abs() > c.difference_mm.u95();
+    if let Some(check) = solved.check.filter(|c| c.verdict == Verdict::Pass && unlikely(c)) {
+        warnings.push(format!(
+            "the check touch is off by {:+.4} ± {:.4} mm: one of twenty is off by more than its interval by chance, and the check fails from {:.4} mm on; touch again before these values are used",
+            check.difference_mm.value,
+            check.difference_mm.u95(),
+            check.limit_mm
         ));
     }
     warnings
@@ -125,8 +154,14 @@ fn table(s: &Solution) -> String {
     if let Some(c) = &s.check_touch {
         let _ = writeln!(
             t,
-            "check touch at B = {:.1}°: X {:.4} mm, predicted {:.4} mm, off by {:+.4} ± {:.4} mm: {}",
-            c.b_deg, c.measured_mm, c.predicted_mm, c.difference_mm, c.difference_u95_mm, c.verdict
+            "check touch at B = {:.1}°: X {:.4} mm, predicted {:.4} mm, off by {:+.4} ± {:.4} mm (limit {:.4} mm): {}",
+            c.b_deg,
+            c.measured_mm,
+            c.predicted_mm,
+            c.difference_mm,
+            c.difference_u95_mm,
+            c.limit_mm,
+            c.verdict
         );
     }
     if let Some(change) = &s.change {

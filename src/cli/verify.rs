@@ -79,8 +79,10 @@ pub struct Compared {
     target_offset_mm: [f64; 3],
     /// Which of `before` and `after` the tolerance is held against.
     judged: &'static str,
-    /// Half-width of the 95 % interval of the largest of them.
+    /// Half-width of the 95 % interval of the largest of them, downwards: it was chosen for its noise, too.
     worst_u95_mm: f64,
+    /// The same upwards: the truly largest is seen no smaller than its own noise makes it.
+    worst_u95_up_mm: f64,
     /// Standard uncertainty of a measured component.
     noise_mm: f64,
     /// Where it is from: `given`, `poses measured again` or `assumed`.
@@ -190,6 +192,10 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         let fix = "measure more poses (verify --plan suggests them)";
         return Err(Error::file(data, "has fewer than four poses", fix));
     }
+    if measured.iter().all(|d| d.norm() == 0.0) {
+        let fix = "fill in what was measured";
+        return Err(Error::file(data, "has zeros alone in dx_mm, dy_mm and dz_mm", fix));
+    }
     let options = Options {
         tolerance_mm: args.tolerance_mm,
         noise_mm: args.noise_mm,
@@ -256,6 +262,7 @@ fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBu
         target_offset_mm: report.target_offset_mm.into(),
         judged: if options.corrected { "after" } else { "before" },
         worst_u95_mm: report.worst_u95_mm,
+        worst_u95_up_mm: report.worst_u95_up_mm,
         noise_mm: report.noise_mm,
         noise_source: report.noise_source,
         tolerance_mm: options.tolerance_mm,
@@ -282,9 +289,10 @@ fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
     line("left", &report.after);
     let _ = writeln!(
         table,
-        "largest deviation {:.4} ± {:.4} mm (95 %, noise {:.4} mm: {}), {} {} mm: {}",
+        "largest deviation {:.4} mm (95 %: -{:.4} +{:.4} mm, noise {:.4} mm: {}), {} {} mm: {}",
         if options.corrected { report.after.worst_mm } else { report.before.worst_mm },
         report.worst_u95_mm,
+        report.worst_u95_up_mm,
         report.noise_mm,
         report.noise_source,
         if options.corrected {

@@ -9,6 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::{Error, Result};
 use crate::machine::axis::{Axis, AxisName, Side};
 use crate::machine::chain::Chain;
+use crate::machine::entered::is_entered;
 use crate::{tomlfile, units};
 
 /// A machine file. Lengths in mm, angles in degrees; `docs/machine.md` explains each key.
@@ -264,6 +265,38 @@ impl Machine {
                 names.join(", ")
             )
         })
+    }
+
+    /// This machine's numbers in what else a file says of the same machine: its target, travel, and the errors that numbers of the
+    /// control do not stand for.
+    pub fn within(&self, old: &Self) -> Self {
+        let mut new =
+            Self { head: self.head, table: self.table, c_sense: self.c_sense, ..old.clone() };
+        if !self.name.is_empty() {
+            new.name = self.name.clone();
+        }
+        for (letter, axis) in &mut new.axes {
+            axis.sense = self.axes.get(letter).and_then(|a| a.sense);
+        }
+        for (letter, axis) in &self.axes {
+            new.axes.entry(letter.clone()).or_insert(*axis);
+        }
+        new.effects.retain(|e| !is_entered(e));
+        new
+    }
+
+    /// What of a file is more than the numbers of its head and table, in words; none where nothing is.
+    pub fn more_than_numbers(&self) -> Option<String> {
+        let parts = [
+            (self.target.is_some(), "[target]"),
+            (
+                self.axes.values().any(|a| a.limits_mm.or(a.limits_deg).is_some()),
+                "limits of [axes]",
+            ),
+            (!self.effects.is_empty(), "[[effects]]"),
+        ];
+        let there: Vec<&str> = parts.iter().filter(|p| p.0).map(|p| p.1).collect();
+        (!there.is_empty()).then(|| there.join(", "))
     }
 
     /// The chain the control believes in: the numbers of the file, without its effects.

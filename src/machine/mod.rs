@@ -11,6 +11,7 @@
 
 mod axis;
 mod chain;
+mod entered;
 mod error_model;
 mod figure;
 mod file;
@@ -20,6 +21,7 @@ mod screw;
 
 pub use axis::{Axis, AxisName, Side, apart_deg, written_deg};
 pub use chain::{Chain, Joints, Motion, ToolPose};
+pub use entered::{Entered, entered, is_entered};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
 pub use figure::frames_svg;
 pub use file::{AxisEntry, Effect, Head, Kinematics, Machine, Table, Target};

@@ -99,6 +99,8 @@ pub struct CheckTouch {
     pub difference_mm: f64,
     /// Half-width of its 95 % interval.
     pub difference_u95_mm: f64,
+    /// Largest difference that passes: three standard uncertainties.
+    pub limit_mm: f64,
     /// Whether they agree.
     pub verdict: Verdict,
 }
@@ -165,6 +167,7 @@ impl Solution {
             predicted_mm: c.predicted_mm,
             difference_mm: c.difference_mm.value,
             difference_u95_mm: c.difference_mm.u95(),
+            limit_mm: c.limit_mm,
             verdict: c.verdict,
         });
         let touched = check_touch.as_ref().map(|c| c.verdict);

@@ -20,6 +20,7 @@ pub struct RodResult {
     pub diameter_mm: Option<f64>,
     pub diameter_u95_mm: Option<f64>,
     pub eccentricity_mm: Option<f64>,
+    pub eccentricity_u95_mm: Option<f64>,
     pub axis_separated: Option<bool>,
     #[serde(default)]
     pub rod_centers: Vec<RodCenter>,

@@ -235,6 +235,7 @@ impl Reader<'_> {
                 let result = RodResult::read(&self.beside(file))?;
                 self.warnings.extend(result.warnings.iter().map(|w| format!("S2, rod: {w}")));
                 is_rods = result.is_rods();
+                self.warnings.extend(runs_out(&result, checks));
                 offset = touch_c_deg.and_then(|c| result.offset_at(c, c_sense));
                 if let (Some(c), None) = (touch_c_deg, offset) {
                     self.warnings.push(format!(
@@ -360,7 +361,9 @@ impl Reader<'_> {
             self.assumed(key);
             DEFAULT_U_MM
         });
-        Ok(Measured { value, u: self.uncertainty(&format!("{key}_u_mm"), u)? })
+        let key = format!("{key}_u_mm");
+        self.warnings.extend(units::uncertainty(&key, u));
+        Ok(Measured { value, u: self.uncertainty(&key, u)? })
     }
 
     fn assumed(&mut self, key: &str) {
@@ -391,4 +394,17 @@ impl Reader<'_> {
     pub(super) fn beside(&self, file: &Path) -> std::path::PathBuf {
         self.path.parent().map_or_else(|| file.to_owned(), |folder| folder.join(file))
     }
+}
+
+/// What the pictures say against the run-out that was read: they see half of it as eccentricity.
+fn runs_out(seen: &RodResult, checks: &Checks) -> Option<String> {
+    let (e, read) = (seen.eccentricity_mm?, checks.rod_runout_mm?);
+    let u95 = 2.0 * seen.eccentricity_u95_mm.unwrap_or(0.0);
+    let apart = (2.0 * e - read).abs();
+    (seen.rod_centers.len() > 1 && apart > u95.hypot(K95 * checks.indicator_u_mm)).then(|| {
+        format!(
+            "S2, rod: the pictures see a run-out of {:.4} ± {u95:.4} mm, checks.rod_runout_mm says {read} mm: was it the same rod, clamped alike?",
+            2.0 * e
+        )
+    })
 }

@@ -90,7 +90,9 @@ pub struct Check {
     pub predicted_mm: f64,
     /// Measured - predicted.
     pub difference_mm: Measured,
-    /// `pass` where the difference is within three standard uncertainties, else `fail`.
+    /// Three standard uncertainties of the difference.
+    pub limit_mm: f64,
+    /// `pass` where the difference is within that limit, else `fail`.
     pub verdict: Verdict,
 }
 
@@ -169,13 +171,14 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
     let check = r.check_touch.map(|(b_rad, x)| {
         let difference = measured(6);
         // A resolution of a micrometre keeps exact readings from failing on their last digit.
-        let limit = (CHECK_K * difference.u).max(1e-3);
+        let limit_mm = (CHECK_K * difference.u).max(1e-3);
         Check {
             b_rad,
             measured_mm: x.value,
             predicted_mm: x.value - difference.value,
             difference_mm: difference,
-            verdict: Verdict::of(difference.value.abs(), 0.0, limit),
+            limit_mm,
+            verdict: Verdict::of(difference.value.abs(), 0.0, limit_mm),
         }
     });
     Ok(Solved {

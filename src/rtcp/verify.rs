@@ -44,8 +44,10 @@ pub struct Report {
     pub noise_source: &'static str,
     /// Why it may be another one.
     pub noise_doubt: Option<String>,
-    /// Half-width of the 95 % interval of the largest deviation.
+    /// Half-width of the 95 % interval of the largest deviation, downwards: it was chosen for its noise, too.
     pub worst_u95_mm: f64,
+    /// The same upwards: the truly largest deviation is seen no smaller than its own noise makes it.
+    pub worst_u95_up_mm: f64,
     /// Size of the measured deviations.
     pub before: Size,
     /// Size of what the model leaves.
@@ -78,8 +80,8 @@ pub fn verify(
     };
     let lengths = if options.corrected { &rest } else { &measured };
     let worst_u95_mm = worst_u95(lengths, noise_mm, dof);
-    // The truly largest deviation is seen no smaller than its own noise makes it: upwards the interval is one pose's.
-    let verdict = match Verdict::of(judged.worst_mm, k95(dof) * noise_mm, options.tolerance_mm) {
+    let worst_u95_up_mm = k95(dof) * noise_mm;
+    let verdict = match Verdict::of(judged.worst_mm, worst_u95_up_mm, options.tolerance_mm) {
         Verdict::Fail => Verdict::of(judged.worst_mm, worst_u95_mm, options.tolerance_mm),
         clear => clear,
     };
@@ -92,6 +94,7 @@ pub fn verify(
         noise_source,
         noise_doubt: noise_doubt(options.noise_mm, repeats),
         worst_u95_mm,
+        worst_u95_up_mm,
         before,
         after,
         verdict,

@@ -1,0 +1,67 @@
+//! Errors of a machine that are numbers its control holds: entered there, they are gone.
+
+use serde::Serialize;
+
+use super::{Effect, Machine};
+
+/// A number of the control that an effect corrects.
+#[derive(Debug, Clone, PartialEq, Serialize, schemars::JsonSchema)]
+pub struct Entered {
+    /// The effect.
+    pub effect: String,
+    /// Where it stands in the machine file: `head.delta_x_mm`, `head.r_mm`, `table.xc_mm` or `table.yc_mm`.
+    pub key: String,
+    /// What the control holds.
+    pub now_mm: f64,
+    /// What it should hold.
+    pub new_mm: f64,
+    /// Half-width of the 95 % interval of the change; none where the effect states none.
+    pub u95_mm: Option<f64>,
+}
+
+/// Which effects correct which numbers: effect, its parameter, and where the number stands.
+const NUMBERS: [(&str, &str, &str); 4] = [
+    ("pivot-offset-x", "delta_x_mm", "head.delta_x_mm"),
+    ("pivot-length", "r_mm", "head.r_mm"),
+    ("c-centre", "x_mm", "table.xc_mm"),
+    ("c-centre", "y_mm", "table.yc_mm"),
+];
+
+/// The control's number and the part of an effect that corrects it.
+fn corrected<'m>(
+    machine: &'m mut Machine,
+    effect: &Effect,
+) -> Vec<(&'static str, &'static str, &'m mut f64)> {
+    let Machine { head, table, .. } = machine;
+    let places = [&mut head.delta_x_mm, &mut head.r_mm, &mut table.xc_mm, &mut table.yc_mm];
+    let numbers = NUMBERS.into_iter().zip(places);
+    let own = |name: &str, p: &str| name == effect.name && effect.parameters.contains_key(p);
+    let own = numbers.filter(|((name, p, _), _)| own(name, p) && effect.outputs.is_empty());
+    own.map(|((_, p, key), place)| (p, key, place)).collect()
+}
+
+/// The machine whose control holds the numbers that its effects correct, without those effects, and what changed.
+pub fn entered(machine: &Machine) -> (Machine, Vec<Entered>) {
+    let mut new = machine.clone();
+    let mut list = Vec::new();
+    for effect in &machine.effects {
+        for (parameter, key, place) in corrected(&mut new, effect) {
+            let now_mm = *place;
+            *place += effect.parameters[parameter];
+            list.push(Entered {
+                effect: effect.name.clone(),
+                key: key.into(),
+                now_mm,
+                new_mm: *place,
+                u95_mm: effect.parameters_u95.get(parameter).copied(),
+            });
+        }
+    }
+    new.effects.retain(|e| !is_entered(e));
+    (new, list)
+}
+
+/// Whether an effect is of that kind.
+pub fn is_entered(effect: &Effect) -> bool {
+    effect.outputs.is_empty() && NUMBERS.iter().any(|(name, ..)| *name == effect.name)
+}
