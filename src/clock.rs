@@ -1,5 +1,6 @@
 //! The time of day in UTC, as records and logs write it.
 
+use std::path::Path;
 use std::time::{SystemTime, UNIX_EPOCH};
 
 /// Seconds of a day.
@@ -8,6 +9,12 @@ pub const DAY_S: f64 = 86_400.0;
 /// Seconds since 1970.
 pub fn now() -> u64 {
     SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())
+}
+
+/// When a file was last changed, in seconds since 1970.
+pub fn changed(path: &Path) -> Option<u64> {
+    let time = std::fs::metadata(path).and_then(|m| m.modified()).ok()?;
+    time.duration_since(UNIX_EPOCH).ok().map(|d| d.as_secs())
 }
 
 /// `2026-11-21T03:35:10Z`, which sorts as time does.

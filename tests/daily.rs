@@ -108,6 +108,30 @@ fn records_are_kept_listed_exported_and_drift_is_told() {
     refused(dir, &[&since[..], &["--until", "2026-01-01"]].concat(), "is not after --since");
 }
 
+/// A picture that is measured again is no further evidence, and a picture is as old as it is, not as its measurement.
+#[test]
+fn records_count_a_picture_once_and_know_when_it_was_taken() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    let images = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/burn-clean");
+    let image = images.join("burn-0001.png");
+    let calib = images.join("calib.toml");
+    let burn = ["burn", image.to_str().unwrap(), "--calib", calib.to_str().unwrap()];
+    let keep = ["--records", "r.sqlite", "--taken"];
+    for time in ["2026-11-01", "2026-11-02T08:30:00Z", "file"] {
+        run(dir, &[&burn[..], &keep, &[time]].concat());
+    }
+    let list = ok(dir, &["history", "--records", "r.sqlite", "--plot", "p"]);
+    assert!(
+        list.contains("2026-11-01T00:00:00Z") && list.contains("2026-11-02T08:30:00Z"),
+        "{list}"
+    );
+    let plot = std::fs::read_to_string(dir.join("p/history.svg")).unwrap();
+    assert!(plot.matches("<circle").count() <= 3, "one point in each of three panels");
+    let bad = [&burn[..], &keep, &["yesterday"]].concat();
+    assert!(String::from_utf8_lossy(&run(dir, &bad).stderr).contains("is no time"));
+}
+
 #[test]
 fn a_report_is_one_page_that_needs_nothing_else() {
     let dir = session();
@@ -121,6 +145,7 @@ fn a_report_is_one_page_that_needs_nothing_else() {
         "ΔX, B axis to optical axis, mm",
         "What to do next",
         "U (95 %)",
+        "<td>I1</td>",
     ] {
         assert!(page.contains(word), "{word} is missing");
     }

@@ -176,6 +176,8 @@ fn a_stream_guides_and_its_frames_are_counted() {
         assert!(
             (number(&json, "/move_laser_mm/0") - (number(&json, "/move_mm/0") - 10.0)).abs() < 1e-9
         );
+        // The fixture's calibration says nothing of how well its laser offset is known.
+        assert_eq!(json["move_laser_u95_mm"], json["offset_u95_mm"]);
         let seen = number(&json, "/frames_seen");
         let dropped = number(&json, "/dropped");
         assert!(

@@ -121,7 +121,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let Some(path) = &global.records {
         let rows = batch::rows(&options.out)?;
         let (command, calib) = (job.command(), job.calib_path());
-        let kept = history::keep_batch(path, command, &options.out, &calib, rows);
+        let pictures = input::list(&args.input, job.kind())?;
+        let taken = (global.taken, pictures.as_slice());
+        let kept = history::keep_batch(path, command, &options.out, &calib, taken, rows);
         history::told(global, kept);
     }
     let status = match &summary {

@@ -209,7 +209,7 @@ fn lines(r: &Offset) -> String {
         "  {:<11}{}° about Y: {}",
         "turn B by",
         text(c.b_deg, c.b_u95_deg),
-        swing(c.b_deg, c.b_u95_deg, "-X", "+X")
+        swing(c.b_way())
     );
     let shims = c.shim_mm.zip(c.shim_u95_mm);
     let shims =
@@ -219,7 +219,7 @@ fn lines(r: &Offset) -> String {
         "  {:<11}{}° about X: {}{shims}",
         "shim by",
         text(c.shim_deg, c.shim_u95_deg),
-        swing(c.shim_deg, c.shim_u95_deg, "+Y", "-Y")
+        swing(c.shim_way())
     );
     t
 }
@@ -253,10 +253,9 @@ fn verdict(v: Verdict) -> &'static str {
 }
 
 /// Which way the nozzle has to swing, or that nothing is to be turned.
-fn swing(deg: f64, u95_deg: f64, positive: &str, negative: &str) -> String {
-    if deg.abs() <= u95_deg {
-        "nothing to turn, the offset is within its uncertainty".to_owned()
-    } else {
-        format!("the nozzle has to swing towards {}", if deg > 0.0 { positive } else { negative })
-    }
+fn swing(way: Option<&str>) -> String {
+    way.map_or_else(
+        || "nothing to turn, the offset is within its uncertainty".to_owned(),
+        |way| format!("the nozzle has to swing towards {way}"),
+    )
 }

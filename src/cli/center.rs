@@ -186,14 +186,15 @@ impl<'a> Terminal<'a> {
 }
 
 fn table(r: &Report) -> String {
-    let pair = |v: [f64; 2]| {
-        format!("X {} mm   Y {} mm", text(v[0], r.offset_u95_mm[0]), text(v[1], r.offset_u95_mm[1]))
+    let pair = |v: [f64; 2], u95: [f64; 2]| {
+        format!("X {} mm   Y {} mm", text(v[0], u95[0]), text(v[1], u95[1]))
     };
+    let laser = r.move_laser_mm.zip(r.move_laser_u95_mm);
     let laser =
-        r.move_laser_mm.map_or(String::new(), |v| format!("laser over it   move {}\n", pair(v)));
+        laser.map_or(String::new(), |(v, u95)| format!("laser over it   move {}\n", pair(v, u95)));
     format!(
         "camera over it  move {}\n{laser}distance        {} mm   Ø {:.4} mm, edge {:.0} %\nframes          {} averaged of {} looked at ({:.1}/s), {} received, {} dropped, {} reconnects\nverdict         {}\n",
-        pair(r.move_mm),
+        pair(r.move_mm, r.offset_u95_mm),
         text(r.distance_mm, r.distance_u95_mm),
         r.diameter_mm,
         100.0 * r.arc_coverage,

@@ -2,10 +2,12 @@
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::str::FromStr;
 
 use serde_json::Value;
 
 use super::{Global, Outcome, result, rows};
+use crate::batch::input::Item;
 use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
@@ -149,6 +151,38 @@ fn values(record: &Record) -> String {
         .join("  ")
 }
 
+/// When what is measured was captured.
+#[derive(Debug, Clone, Copy)]
+pub enum Taken {
+    /// Seconds since 1970.
+    At(u64),
+    /// When the file was last changed.
+    File,
+}
+
+impl FromStr for Taken {
+    type Err = String;
+
+    fn from_str(text: &str) -> std::result::Result<Self, String> {
+        match text {
+            "file" => Ok(Self::File),
+            _ => clock::parse(text).map(Self::At).ok_or_else(|| {
+                "is no time: write 2026-11-24, 2026-11-24T10:30:00Z (UTC) or file".into()
+            }),
+        }
+    }
+}
+
+/// The time that a record of what was measured from `path` has.
+fn time(taken: Option<Taken>, path: &Path) -> String {
+    let seconds = match taken {
+        None => None,
+        Some(Taken::At(seconds)) => Some(seconds),
+        Some(Taken::File) => clock::changed(path),
+    };
+    clock::utc(seconds.unwrap_or_else(clock::now))
+}
+
 /// Keeps a command's result where the user keeps records; a batch keeps its own pictures.
 pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<()> {
     let (Some(path), Some(document)) = (&global.records, &outcome.document) else { return Ok(()) };
@@ -168,13 +202,22 @@ pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<
             .or(Some(&input))
             .and_then(Value::as_str)
             .map_or_else(|| input.to_string(), str::to_owned);
-        Ok(record(command, name, arguments, None, result))
+        let time_utc = time(global.taken, Path::new(&name));
+        Ok(Record { time_utc, ..record(command, name, arguments, None, result) })
     });
     // The mean of several tests is what was judged: a series of its own beside that of the tests.
     let mean = document.json.get("mean").map(|mean| {
-        Ok(record(&format!("{command}-mean"), input.to_string(), arguments, None, mean.clone()))
+        let name = format!("{command}-mean");
+        let first = results_image(&document.json).unwrap_or_default();
+        let time_utc = time(global.taken, Path::new(&first));
+        Ok(Record { time_utc, ..record(&name, input.to_string(), arguments, None, mean.clone()) })
     });
     Store::open(path)?.add(records.chain(mean)).map(drop)
+}
+
+/// The first picture of several.
+fn results_image(document: &Value) -> Option<String> {
+    text(document.get("results")?.get(0)?, "image")
 }
 
 /// Says that a result could not be kept: it is measured and shown all the same.
@@ -190,6 +233,7 @@ pub fn keep_batch(
     command: &str,
     folder: &Path,
     calib: &Path,
+    (taken, pictures): (Option<Taken>, &[Item]),
     lines: impl Iterator<Item = Result<Value>>,
 ) -> Result<()> {
     let batch = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
@@ -204,8 +248,12 @@ pub fn keep_batch(
         if text(&result, "status").as_deref() != Some("measured") {
             return None;
         }
+        let image = text(&result, "image").unwrap_or_default();
+        let file = pictures.iter().find(|item| item.name == image);
+        let time_utc = time(taken, file.map_or(Path::new(&image), |item| &item.path));
         Some(Ok(Record {
-            input: text(&result, "image").unwrap_or_default(),
+            time_utc,
+            input: image,
             input_sha256: text(&result, "sha256"),
             verdict: text(&result, "verdict"),
             options: "batch".into(),

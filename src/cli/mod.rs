@@ -69,6 +69,10 @@ pub struct Global {
     /// Keep the result in the records FILE (see `pivotsight history`)
     #[arg(long, value_name = "FILE", global = true)]
     pub records: Option<OutFile>,
+    /// When what is measured was captured, for the records: a time (2026-11-24 or 2026-11-24T10:30:00Z, UTC), or `file`, when each picture's file was last
+    /// changed; the run's own time where left out
+    #[arg(long, value_name = "TIME", global = true, requires = "records")]
+    pub taken: Option<history::Taken>,
     /// Say on standard error how the command was understood, defaults included, how it ended and how long it took
     #[arg(long, short, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,

@@ -45,6 +45,8 @@ pub struct Report {
     pub move_mm: [f64; 2],
     /// Axis moves that bring the laser axis over it; null where the calibration has no laser offset.
     pub move_laser_mm: Option<[f64; 2]>,
+    /// Half-widths of its 95 % intervals, the laser offset's own with them.
+    pub move_laser_u95_mm: Option<[f64; 2]>,
     /// Diameter in the last frame.
     pub diameter_mm: f64,
     /// Share of the circle on which the edge was found in the last frame.
@@ -311,6 +313,10 @@ impl Average {
                 .laser
                 .as_ref()
                 .map(|l| (self.mean - Vector2::from(l.offset_mm)).into()),
+            move_laser_u95_mm: calibration.laser.as_ref().map(|l| {
+                let laser = l.offset_u95_mm.unwrap_or_default();
+                [0, 1].map(|k| u95[k].hypot(laser[k]))
+            }),
             diameter_mm: 2.0 * ring.circle.radius,
             arc_coverage: ring.arc_coverage,
             frames_used: self.n,

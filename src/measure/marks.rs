@@ -52,7 +52,7 @@ pub(super) fn measure(
         match &found {
             None => found = Some(marks),
             Some((ring, ..)) if ring.circle.distance(marks.0.circle.center) > 0.0 => {
-                return Err(two_burns(subject, ring.center_px, marks.0.center_px));
+                return Err(two_burns(subject, view, ring.center_px, marks.0.center_px));
             }
             Some(_) => {}
         }
@@ -140,12 +140,22 @@ impl<'a> Scene<'a> {
                 Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
                 Attempt::Both(marks) => match &dotted {
                     Some((other, _)) => {
-                        return Err(two_burns(subject, other.circle.center, outer.circle.center));
+                        return Err(two_burns(
+                            subject,
+                            self.view,
+                            other.circle.center,
+                            outer.circle.center,
+                        ));
                     }
                     None => dotted = Some((outer, *marks)),
                 },
                 Attempt::SecondBurn(other) => {
-                    return Err(two_burns(subject, outer.circle.center, other.circle.center));
+                    return Err(two_burns(
+                        subject,
+                        self.view,
+                        outer.circle.center,
+                        other.circle.center,
+                    ));
                 }
                 Attempt::Surface => {}
                 Attempt::NoSpot => tried.add_lone(outer),
@@ -348,14 +358,17 @@ fn warnings(ring: &Ring, spot: &Ring) -> Vec<String> {
     gap.into_iter().chain(clipped.into_iter().flatten()).collect()
 }
 
-fn two_burns(subject: &str, a: Vector2<f64>, b: Vector2<f64>) -> Error {
+fn two_burns(subject: &str, view: &View, a: Vector2<f64>, b: Vector2<f64>) -> Error {
+    let named = [a, b].map(|px| {
+        let mm = view.to_plane(px);
+        let near = format!("{:.2},{:.2}", mm.x, mm.y);
+        (format!("{near} mm (pixel {:.0}, {:.0})", px.x, px.y), near)
+    });
+    let [(a, near), (b, _)] = named;
     Error::measure(
         subject,
-        format!(
-            "shows two test burns, near pixel ({:.0}, {:.0}) and ({:.0}, {:.0})",
-            a.x, a.y, b.x, b.y
-        ),
-        "say which one with --near-mm X,Y (plane mm), or crop the picture",
+        format!("shows two test burns, near {a} and {b}"),
+        format!("say which one with --near-mm X,Y, as --near-mm {near}, or crop the picture"),
     )
 }
 

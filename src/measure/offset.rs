@@ -33,7 +33,19 @@ pub struct Correction {
 impl Correction {
     /// Whether either turn is larger than its uncertainty.
     pub fn is_significant(&self) -> bool {
-        self.b_deg.abs() > self.b_u95_deg || self.shim_deg.abs() > self.shim_u95_deg
+        self.b_way().or(self.shim_way()).is_some()
+    }
+
+    /// Where the nozzle has to swing as B turns; `None` where the angle is within its uncertainty.
+    pub fn b_way(&self) -> Option<&'static str> {
+        let way = if self.b_deg > 0.0 { "-X" } else { "+X" };
+        (self.b_deg.abs() > self.b_u95_deg).then_some(way)
+    }
+
+    /// Where the nozzle has to swing as shims turn the head; `None` where the angle is within its uncertainty.
+    pub fn shim_way(&self) -> Option<&'static str> {
+        let way = if self.shim_deg > 0.0 { "+Y" } else { "-Y" };
+        (self.shim_deg.abs() > self.shim_u95_deg).then_some(way)
     }
 }
 

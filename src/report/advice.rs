@@ -3,6 +3,8 @@
 use serde_json::{Map, Value};
 
 use crate::batch::limits::number;
+use crate::measure::offset::Correction;
+use crate::uncertainty::text;
 
 /// The verdict's word (`pass`, `fail`, `undecided`, or `measured` where no limit applies) and a sentence.
 pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
@@ -66,6 +68,29 @@ fn class(verdict: &str) -> &'static str {
     }
 }
 
+/// What turns the head straight, or that it needs no turn.
+fn turns(c: &Correction) -> [String; 2] {
+    let b = match c.b_way() {
+        Some(way) => format!(
+            "Turn B by {}° about Y: the nozzle has to swing towards {way} (corrects X).",
+            text(c.b_deg, c.b_u95_deg)
+        ),
+        None => "Leave B: the offset in X is within its uncertainty.".into(),
+    };
+    let shim = match (c.shim_way(), c.shim_mm.zip(c.shim_u95_mm)) {
+        (None, _) => "Leave the head's flange: the offset in Y is within its uncertainty.".into(),
+        (Some(way), Some((mm, u95))) => format!(
+            "Turn the head about X with shims of {} mm under its flange: the nozzle has to swing towards {way} (corrects Y).",
+            text(mm.abs(), u95)
+        ),
+        (Some(way), None) => format!(
+            "Turn the head about X by {}° with shims under its flange: the nozzle has to swing towards {way} (corrects Y); --flange-mm gives their thickness.",
+            text(c.shim_deg.abs(), c.shim_u95_deg)
+        ),
+    };
+    [b, shim]
+}
+
 /// What to do next, a step a line.
 pub fn next(command: &str, result: &Value) -> Vec<String> {
     let empty = Map::new();
@@ -82,24 +107,25 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
                     get("distance_u95_mm").unwrap_or(f64::NAN)
                 ));
             }
-            if let Some(b) = get("correction.b_deg") {
-                steps.push(format!("Turn B by {b:+.4}° (corrects X)."));
-            }
-            match (get("correction.shim_mm"), get("correction.shim_deg")) {
-                (Some(mm), _) => steps.push(format!("Shim the head's flange by {mm:+.4} mm (corrects Y).")),
-                (None, Some(deg)) => steps.push(format!("Tilt the head's flange by {deg:+.4}° with shims (corrects Y); --flange-mm gives the thickness.")),
-                _ => {}
-            }
+            let correction = map.get("correction").cloned();
+            let correction = correction.and_then(|c| serde_json::from_value::<Correction>(c).ok());
+            steps.extend(correction.iter().flat_map(turns));
             steps.push("Burn again and measure: the offset must be gone.".into());
             steps
         }
         ("rod", _) => vec!["Give this file to the session file's [rod] result and run pivotsight solve.".into()],
         ("solve", _) if verdict(command, result).0 == "fail" => vec!["Find the reading that is wrong (sign, side, diameter), touch again, and solve again.".into()],
         ("solve", _) => vec!["Export the vectors with pivotsight export, enter them, and check with pivotsight verify.".into()],
-        ("verify", "fail") => vec![
-            "Find what the model lacks: pivotsight diagnose rtcp with the same machine file and data.".into(),
-            "Correct it, enter the values, and measure the sweep again.".into(),
-        ],
+        ("verify", "fail") => {
+            // What is missing is missing from the values that the control held during the sweep.
+            let input = |key: &str| map.get("input")?.get(key)?.as_str();
+            let model = input("now").or(input("machine")).unwrap_or("FILE");
+            let data = input("data").unwrap_or("CSV");
+            vec![
+                format!("Find what the model lacks: pivotsight diagnose rtcp --model {model} --data {data} --write-model NEW.toml (the model is the file whose values the control held)."),
+                "Correct it, enter the values of NEW.toml, and measure the sweep again.".into(),
+            ]
+        }
         ("verify", "undecided") => vec!["Measure the sweep again with less noise: average several readings a pose, or say with --noise-mm how good they are.".into()],
         ("verify", "pass") => vec!["Nothing to correct. Keep the sweep as the machine's reference (--records FILE).".into()],
         ("diagnose", _) => match map.get("next_measurement").and_then(|next| next.get("text")) {

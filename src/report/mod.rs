@@ -207,7 +207,11 @@ fn batch_rows(rows: &[Value], base: &Path) -> Result<String> {
             None | Some(Value::Null) => text_of(row, "status"),
             Some(verdict) => words(Some(verdict)),
         };
-        vec![text_of(row, "image"), verdict, text_of(row, "reason")]
+        let reason = match text_of(row, "reason") {
+            none if none.is_empty() => numbers::broken(row).join("; "),
+            reason => reason,
+        };
+        vec![text_of(row, "image"), verdict, reason]
     });
     let mut text = String::from("<h2>Pictures to look at</h2>\n");
     text += &table(&["Picture", "Verdict", "Reason"], cells);
@@ -228,7 +232,7 @@ fn calibration(result: &Value, options: &Options) -> Result<String> {
         let (calibration, now) = crate::camera::Calibration::identified(path)?;
         rows.push(("Name", calibration.name));
         rows.push(("File", path.display().to_string()));
-        if let Some(seconds) = changed(path) {
+        if let Some(seconds) = clock::changed(path) {
             let days = (options.now.saturating_sub(seconds) as f64 / clock::DAY_S).floor();
             let age = if days == 1.0 { "1 day".to_owned() } else { format!("{days} days") };
             rows.push(("Age", format!("{age}: last changed {}", clock::utc(seconds))));
@@ -251,12 +255,6 @@ fn calibration(result: &Value, options: &Options) -> Result<String> {
     }
     let rows = rows.into_iter().map(|(a, b)| vec![a.to_owned(), b]);
     Ok(format!("<h2>Calibration</h2>\n{}", html::facts(rows)))
-}
-
-/// When a file was last changed, in seconds since 1970.
-fn changed(path: &Path) -> Option<u64> {
-    let time = std::fs::metadata(path).and_then(|m| m.modified()).ok()?;
-    time.duration_since(std::time::UNIX_EPOCH).ok().map(|d| d.as_secs())
 }
 
 /// What a result was made from, without what was not given.

@@ -119,6 +119,20 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
     rows
 }
 
+/// The characteristics of a picture that keep their limits not for sure, in words.
+pub fn broken(row: &Value) -> Vec<String> {
+    let command = if row.get("correction").is_some() { "burn" } else { "" };
+    let rows = characteristics(command, row).into_iter();
+    let broken = rows.filter(|c| c.verdict.is_some_and(|v| v != Verdict::Pass));
+    broken
+        .map(|c| {
+            let digits = digits(c.u95);
+            let u95 = c.u95.map_or(String::new(), |u| format!(" ± {u:.digits$}"));
+            format!("{} {:.digits$}{u95} {}, limit {}", c.name, c.actual, c.unit, c.tolerance)
+        })
+        .collect()
+}
+
 /// The largest deviation of a sweep as measured, and what the machine's model leaves of it.
 fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
     let judged = map.get("judged").and_then(Value::as_str);
@@ -264,8 +278,21 @@ pub struct List {
 pub fn lists(command: &str, result: &Value) -> Vec<List> {
     let shown = ["limits", "circles", "pairs", "budget", "results"];
     let Some(map) = result.as_object() else { return Vec::new() };
+    let vectors: Vec<Vec<String>> = (1..=4)
+        .filter_map(|i| {
+            let vector = map.get(&format!("i{i}_mm"))?.as_array()?;
+            let cells = vector.iter().map(|v| short("mm", Some(v)));
+            Some(std::iter::once(format!("I{i}")).chain(cells).collect())
+        })
+        .collect();
+    let vectors = (!vectors.is_empty()).then(|| List {
+        title: "Vectors".into(),
+        head: ["", "X, mm", "Y, mm", "Z, mm"].map(String::from).into(),
+        rows: vectors,
+    });
     let nested = map.get("change").and_then(Value::as_object).into_iter().flatten();
-    map.iter()
+    let others = map
+        .iter()
         .filter(|(key, _)| !shown.contains(&key.as_str()))
         .chain(nested)
         .filter_map(|(key, value)| {
@@ -303,8 +330,8 @@ pub fn lists(command: &str, result: &Value) -> Vec<List> {
             let more =
                 if all > items.len() { format!(" ({most} of {all})") } else { String::new() };
             (!rows.is_empty()).then(|| List { title: title + &more, head, rows })
-        })
-        .collect()
+        });
+    vectors.into_iter().chain(others).collect()
 }
 
 fn capital(text: &str) -> String {

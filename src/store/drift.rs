@@ -1,6 +1,6 @@
 //! Values over time, and whether they drift by more than their uncertainty.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::Serialize;
 
@@ -68,14 +68,22 @@ pub struct Drift {
     pub text: String,
 }
 
-/// The followed values of these records, each command and key a series.
+/// The followed values of these records, each command and key a series. A burn that was measured again from the same picture counts
+/// once, as it was measured last: that is no further evidence. (The table of a rod's captures may name other pictures each time.)
 pub fn series(records: &[Record]) -> Vec<Series> {
     let mut all: BTreeMap<usize, Series> = BTreeMap::new();
+    let file = |r: &Record| r.input_sha256.clone().filter(|_| r.command == "burn");
+    let newest: HashMap<_, &Record> = records.iter().filter_map(|r| Some((file(r)?, r))).collect();
+    let mut told = HashSet::new();
     for record in records {
-        let (Some(time), Some(result)) = (parse(&record.time_utc), record.result.as_object())
-        else {
+        let again = file(record).is_some_and(|file| !told.insert(file));
+        let value = file(record).and_then(|file| newest.get(&file).copied()).unwrap_or(record);
+        let (Some(time), Some(result)) = (parse(&record.time_utc), value.result.as_object()) else {
             continue;
         };
+        if again {
+            continue;
+        }
         for (i, (command, key, label, limit)) in FOLLOWED.iter().enumerate() {
             let Some(value) = number(result, key).filter(|_| record.command == *command) else {
                 continue;
