@@ -225,6 +225,49 @@ fn an_effect_of_the_users_own_is_named_written_and_read_back() {
     again[3] = "found.toml";
     again.extend(["--effects", "own.toml"]);
     assert_eq!(json(&again, folder)["verdict"], "consistent");
+    // The formulas went into the model with it: whoever reads that needs no other file.
+    again.truncate(8);
+    assert_eq!(json(&again, folder)["verdict"], "consistent");
+    let verify = ["verify", "--machine", "found.toml", "--now", "found.toml", "--data", "data.csv"];
+    assert!(run(&verify, folder).status.success());
+}
+
+/// What an effect adds to a row does not hang on the other rows: a column that never changes cannot test it, but predicts it.
+#[test]
+fn effects_are_predicted_where_their_column_never_changes() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let truth = "[[effects]]\nname = \"c-axis-tilt-x\"\nparameters = { tilt_deg = 0.05 }\n";
+    std::fs::write(folder.join("truth.toml"), format!("{MACHINE}{truth}")).unwrap();
+    let first = |poses: &str| -> Value {
+        std::fs::write(folder.join("poses.csv"), format!("b_deg,c_deg\n{poses}")).unwrap();
+        let simulate = ["simulate", "rtcp", "--model", "truth.toml", "--data", "poses.csv"];
+        json(&[&simulate[..], &["--format", "json"]].concat(), folder)["rows"][0].clone()
+    };
+    let alone = first("0,90\n30,90\n");
+    assert!(alone["dz_mm"].as_f64().unwrap().abs() > 0.05, "{alone}");
+    assert_eq!(alone, first("0,90\n30,90\n0,0\n"));
+}
+
+/// Numbers of the control that named effects correct are told, and are in what is exported.
+#[test]
+fn what_a_named_effect_makes_of_the_controls_numbers_is_told_and_exported() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    plan(folder);
+    simulate("[[effects]]\nname = \"pivot-length\"\nparameters = { r_mm = 0.12 }\n", &[], folder);
+    let report = json(&[&DIAGNOSE[..], &["--write-model", "found.toml"]].concat(), folder);
+    let told = &report["in_the_control"][0];
+    assert_eq!((&told["key"], &told["effect"]), (&"head.r_mm".into(), &"pivot-length".into()));
+    let (new, u95) = (told["new_mm"].as_f64().unwrap(), told["u95_mm"].as_f64().unwrap());
+    assert!((new - 214.82).abs() < 1.6 * u95 && u95 < 0.01, "{told}");
+    let export =
+        ["export", "--machine", "found.toml", "--control", "sheet", "--write-machine", "new.toml"];
+    let output = run(&export, folder);
+    assert!(String::from_utf8_lossy(&output.stdout).contains(&format!("{new:.4} mm")));
+    // The machine with those numbers is the machine with that effect.
+    let verify = ["verify", "--machine", "new.toml", "--now", "machine.toml", "--data", "data.csv"];
+    assert!(run(&verify, folder).status.success());
 }
 
 #[test]
@@ -260,6 +303,32 @@ fn a_bad_effects_file_is_told_where() {
 }
 
 /// Burn tests have no baseline to fit: the model may be empty.
+/// At one height and power an offset may be a tilt, the optics or the camera as well: nothing is named alone, and what parts them is listed.
+#[test]
+fn burns_of_one_height_name_a_class_and_what_would_part_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut csv = String::from("height_mm,power_w,b_deg,dx_mm,dy_mm\n");
+    for k in 0..12 {
+        let noise = |m: u32| 0.0005 * (f64::from(k * m % 13) - 6.0);
+        writeln!(csv, "47,100,0,{:.4},{:.4}", 0.024 + noise(3), noise(5)).unwrap();
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let diagnose = ["diagnose", "burn", "--data", "data.csv", "--format", "json"];
+    let report = json(&[&diagnose[..], &["--write-next", "next.csv"]].concat(), folder);
+    let effect = &report["effects"][0];
+    let mut class: Vec<&str> =
+        effect["confusable_with"].as_array().unwrap().iter().map(|n| n.as_str().unwrap()).collect();
+    class.push(effect["name"].as_str().unwrap());
+    for name in ["beam-tilt-x", "nozzle-offset", "thermal-lens", "camera-tilt"] {
+        assert!(class.contains(&name), "{class:?}");
+    }
+    let next = std::fs::read_to_string(folder.join("next.csv")).unwrap();
+    let heights: Vec<&str> = next.lines().skip(1).map(|l| l.split(',').nth(1).unwrap()).collect();
+    assert!(next.starts_with("b_deg,height_mm,power_w\n"), "{next}");
+    assert!(heights.iter().any(|h| h.parse::<f64>().unwrap() < 40.0), "{next}");
+}
+
 #[test]
 fn burns_with_nothing_wrong_are_consistent() {
     let folder = tempfile::tempdir().unwrap();

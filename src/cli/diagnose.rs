@@ -10,8 +10,9 @@ use crate::cli::{Global, Outcome, result};
 use crate::diagnose::load::{Kind, Source};
 use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
-use crate::diagnose::{model, page, plan};
+use crate::diagnose::{model, own, page, plan};
 use crate::error::{Error, Result};
+use crate::machine::{Entered, entered};
 use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
@@ -38,11 +39,14 @@ pub struct Args {
     /// Write the machine file with the named effects added, and as formulas the shapes without a name
     #[arg(long, value_name = "FILE")]
     write_model: Option<OutFile>,
+    /// Write the captures that tell confusable effects apart, as a CSV table
+    #[arg(long, value_name = "FILE")]
+    write_next: Option<OutFile>,
     /// Write a page with plots before and after into this folder
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// Only say what this plan can and cannot show; the measured columns are not needed
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["write_model", "write_next", "report"])]
     plan_only: bool,
 }
 
@@ -105,15 +109,30 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let diagnosis =
         diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm }).map_err(of_data)?;
-    let report = diagnosis.report;
+    let mut report = diagnosis.report;
     warnings.extend(report.doubts.iter().cloned());
     for (name, why) in &report.untested {
         warnings.push(format!("{name} could not be tested: {why}"));
     }
+    let kind = experiment.kind();
+    let own = args.effects.as_ref().map(|path| own::read(path, kind)).transpose()?;
+    let machine = model::with_effects(&source.machine()?, &report, &own.unwrap_or_default());
+    if args.model.is_some() {
+        let named = |e: &Entered| report.effects.iter().any(|n| n.name == e.effect);
+        report.in_the_control = entered(&machine).1.into_iter().filter(named).collect();
+    }
     if let Some(path) = &args.write_model {
-        let machine = model::with_effects(&source.machine()?, &report);
         global.write(path, machine.to_toml().as_bytes())?;
         warnings.extend(model::left_out(&report));
+    }
+    if let Some(path) = &args.write_next {
+        match &report.next_measurement {
+            Some(next) if !next.captures.is_empty() => global.write(path, next.csv().as_bytes())?,
+            _ => warnings.push(format!(
+                "{} is not written: no capture would tell effects apart",
+                path.display()
+            )),
+        }
     }
     warnings[told..].iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(folder) = &args.report {
@@ -163,6 +182,14 @@ fn table(r: &Report) -> String {
             );
         }
     }
+    for e in &r.in_the_control {
+        let u95 = e.u95_mm.map_or(String::new(), |u| format!(" ± {u:.4}"));
+        let _ = writeln!(
+            t,
+            "control   {} {:.4} -> {:.4}{u95} mm, if it is {}",
+            e.key, e.now_mm, e.new_mm, e.effect
+        );
+    }
     for u in &r.unnamed {
         let _ = writeln!(t, "unnamed   {}", u.text);
     }
@@ -192,6 +219,10 @@ fn table(r: &Report) -> String {
     }
     if let Some(next) = &r.next_measurement {
         let _ = writeln!(t, "next      {}", next.text);
+        for row in next.places().iter().filter(|_| !next.captures.is_empty()) {
+            let cells: String = row.iter().map(|cell| format!(" {cell:>12}")).collect();
+            let _ = writeln!(t, "         {cells}");
+        }
     }
     if !r.outliers.is_empty() {
         let _ = writeln!(t, "outliers  {} values set aside", r.outliers.len());

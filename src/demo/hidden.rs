@@ -86,7 +86,7 @@ pub fn run_hidden(options: &Options) -> Result<HiddenReport> {
     let machine = Machine::head_b_table_c(Head::default(), Table::default());
     write_whole(folder.join("machine.toml"), machine.to_toml().as_bytes())?;
     let before = diagnosed(folder, &machine, &calibration, "before")?;
-    let corrected = with_effects(&machine, &before);
+    let corrected = with_effects(&machine, &before, &[]);
     write_whole(folder.join("corrected.toml"), corrected.to_toml().as_bytes())?;
     let after = diagnosed(folder, &corrected, &calibration, "after")?;
 

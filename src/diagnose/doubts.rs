@@ -36,6 +36,16 @@ pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
         })
         .collect();
     let within = doubts.is_empty();
+    for named in &model.active {
+        let info = &effects[named.effect];
+        let form = info.forms[named.form].iter().zip(&named.values);
+        doubts.extend(form.filter(|(p, v)| p.is_at_limit(**v)).map(|(p, v)| {
+            format!(
+                "{}: {} = {v:.4} is as far as it is looked for: it may be more (or less), and the effect's size goes with it",
+                info.name, p.name
+            )
+        }));
+    }
     doubts.extend(model.active.iter().zip(pairs).filter_map(|(named, pair)| {
         let [one, other] = pair.as_ref()?.map(|e| &effects[e].name);
         let name = &effects[named.effect].name;

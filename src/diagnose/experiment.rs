@@ -39,6 +39,17 @@ impl Parameter {
         self.typical == 0.0
     }
 
+    /// The least and greatest value that a parameter of the form is looked for at: beyond, it says nothing more than the limit does.
+    pub fn limits(&self) -> Option<(f64, f64)> {
+        let (first, last) = (self.grid.first()?, self.grid.last()?);
+        (!self.is_switch()).then(|| (0.3 * first.min(*last), 3.0 * first.max(*last)))
+    }
+
+    /// Whether a fit left a parameter of the form at such a limit.
+    pub fn is_at_limit(&self, value: f64) -> bool {
+        self.limits().is_some_and(|(low, high)| value <= low || value >= high)
+    }
+
     /// All combinations of the grid values of several; linear parameters at zero.
     pub fn grid_points(parameters: &[Self]) -> Vec<Vec<f64>> {
         let mut points = vec![Vec::new()];
@@ -52,6 +63,21 @@ impl Parameter {
                 .collect();
         }
         points
+    }
+}
+
+/// Why data cannot test an effect.
+#[derive(Debug, Clone)]
+pub struct Untestable {
+    /// In words.
+    pub why: String,
+    /// The data hold what it depends on: an effect that is in the model has its part in what is predicted.
+    pub predictable: bool,
+}
+
+impl From<&str> for Untestable {
+    fn from(why: &str) -> Self {
+        Self { why: why.into(), predictable: false }
     }
 }
 
@@ -73,7 +99,7 @@ pub struct EffectInfo {
     /// How much likelier than another effect it is beforehand, nats: its cause is seen in the data.
     pub beforehand: f64,
     /// Why the data at hand cannot test it.
-    pub untestable: Option<String>,
+    pub untestable: Option<Untestable>,
 }
 
 /// An effect in the model, in one form with all its parameters.

@@ -154,9 +154,8 @@ impl Fitter<'_> {
             let form = &self.experiment.effects()[a.effect].forms[a.form];
             for (v, p) in a.values.iter_mut().zip(form).filter(|(_, p)| !p.is_switch()) {
                 take(v);
-                if let (Some(low), Some(high)) = (p.grid.first(), p.grid.last()) {
-                    // A form parameter far outside its grid says nothing more than the limit does.
-                    *v = v.clamp(0.3 * low.min(*high), 3.0 * low.max(*high));
+                if let Some((low, high)) = p.limits() {
+                    *v = v.clamp(low, high);
                 }
             }
         }

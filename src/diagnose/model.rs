@@ -1,14 +1,17 @@
 //! The model file: what was found, added to `machine.toml`: named effects with their parameters, shapes without a name as formulas.
 
+use crate::diagnose::own;
 use crate::diagnose::report::{NamedEffect, Report, Unnamed};
 use crate::machine::{Effect, Machine};
 
 /// The machine with the report's named effects added. An effect that is already there in the same form is corrected: its sizes add
 /// up. One with a lag, pitch or exponent of its own stands beside it. What has a shape but no name is added as a formula, so that
 /// the model predicts it all the same.
-pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
+/// `own` are effects of the user's own that were tried: their formulas go with them.
+pub fn with_effects(machine: &Machine, report: &Report, own: &[own::Entry]) -> Machine {
     let mut machine = machine.clone();
     for named in &report.effects {
+        let formulas = own.iter().find(|e| e.name == named.name);
         let sizes = |key: &&String| !named.form_parameters.contains(key);
         match machine.effects.iter_mut().find(|e| same_form(e, named)) {
             Some(old) => {
@@ -23,7 +26,8 @@ pub fn with_effects(machine: &Machine, report: &Report) -> Machine {
                 name: named.name.clone(),
                 parameters: named.parameters.clone(),
                 parameters_u95: named.parameters_u95.clone(),
-                ..Effect::default()
+                kind: formulas.map(|e| e.kind.clone()),
+                outputs: formulas.map_or_else(Default::default, |e| e.outputs.clone()),
             }),
         }
     }

@@ -22,7 +22,7 @@ const LEAST_CAPTURES: usize = 3;
 /// Captures that part no pair by as much as this more than the data do are not worth taking.
 const LEAST_PARTED: f64 = 4.0;
 
-/// Captures that part each named effect from its rivals (greedy max-min of the predicted χ²), or, where no
+/// Captures that part each named effect from its rivals (greedy max-min of the predicted χ², or the best of all together), or, where no
 /// capture of this kind can, the measurement that would. `None` where nothing is confusable.
 pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMeasurement> {
     let f = &selection.fitted;
@@ -62,7 +62,14 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let text = match (count, resolves) {
         (0, _) => format!("no capture of this kind tells them apart; {best}"),
         (_, true) => format!("add the {count} captures listed, in random order; {best}"),
-        _ => format!("the {count} captures listed help, but may not be enough to part all; {best}"),
+        _ => {
+            let open = pairs.iter().zip(&parted).filter(|(_, s)| **s < PARTED);
+            let mut open: Vec<String> =
+                open.map(|(p, _)| p.of.map(|e| effects[e].name.as_ref()).join(" from ")).collect();
+            open.sort();
+            open.dedup();
+            format!("the {count} captures listed help, but not to tell {}; {best}", open.join(", "))
+        }
     };
     Some(NextMeasurement { separates, captures, resolves, text })
 }
@@ -78,6 +85,8 @@ struct Evidence {
 
 /// A named effect and a rival: what the data say, and what each proposed capture would.
 struct Pair {
+    /// Named effect and rival.
+    of: [usize; 2],
     own: Evidence,
     proposals: Vec<Evidence>,
 }
@@ -88,6 +97,14 @@ impl Evidence {
             squares: self.squares + other.squares,
             along: &self.along + &other.along,
             information: &self.information + &other.information,
+        }
+    }
+
+    fn minus(&self, other: &Self) -> Self {
+        Self {
+            squares: self.squares - other.squares,
+            along: &self.along - &other.along,
+            information: &self.information - &other.information,
         }
     }
 
@@ -132,7 +149,8 @@ fn pairs(
         }
         let others = others.iter().filter_map(|form| swapped(i, form)).map(|m| plan.predict(&m));
         let forms: Vec<Vec<f64>> = std::iter::once(found.clone()).chain(others).collect();
-        for other in rivals.iter().filter_map(|rival| swapped(i, rival)) {
+        let swaps = rivals.iter().filter_map(|r| Some((r.effect, swapped(i, r)?)));
+        for (rival, other) in swaps {
             let predicted = plan.predict(&other);
             let mut tangent = plan.whiten(&plan.tangent(&other, &predicted), &noise);
             for mut column in tangent.column_iter_mut() {
@@ -154,7 +172,8 @@ fn pairs(
                 // Parameters that the data do not determine must not make the system singular.
                 (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
                 let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
-                list.push(Pair { own, proposals: (0..proposals.len()).map(of).collect() });
+                let proposals = (0..proposals.len()).map(of).collect();
+                list.push(Pair { of: [f.model.active[i].effect, rival], own, proposals });
             }
         }
     }
@@ -187,8 +206,44 @@ fn choose(pairs: &[Pair], count: usize, budget: usize) -> (Vec<usize>, Vec<f64>)
                 }
                 parted = state.iter().map(Evidence::separation).collect();
             }
-            _ => hopeless[worst] = true,
+            // A rival of many parameters follows any one capture: several together may part it all the same.
+            _ => {
+                let room = if parted[worst] < PARTED { budget - picked.len() } else { 0 };
+                let together = together(&state[worst], &pairs[worst], room);
+                for &k in &together {
+                    state.iter_mut().zip(pairs).for_each(|(s, p)| *s = s.plus(&p.proposals[k]));
+                }
+                parted = state.iter().map(Evidence::separation).collect();
+                hopeless[worst] = together.is_empty() || parted[worst] < PARTED;
+                picked.extend(together);
+            }
         }
     }
     (picked, parted)
+}
+
+/// The captures, `most` of them, that together part a pair which none parts alone: what is left of all when always the one goes that is missed
+/// least. None where not even all of them do.
+fn together(state: &Evidence, pair: &Pair, most: usize) -> Vec<usize> {
+    /// Proposals looked at, evenly spread over all.
+    const TRIED: usize = 150;
+    if most == 0 {
+        return Vec::new();
+    }
+    let count = pair.proposals.len();
+    let mut kept: Vec<usize> = (0..count).step_by(count.div_ceil(TRIED).max(1)).collect();
+    let mut all = kept.iter().fold(state.clone(), |sum, k| sum.plus(&pair.proposals[*k]));
+    if all.separation() < state.separation() + LEAST_PARTED {
+        return Vec::new();
+    }
+    while !kept.is_empty() {
+        let without = |k: &usize| all.minus(&pair.proposals[*k]).separation();
+        let left = kept.iter().map(without).enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((at, separation)) = left else { break };
+        if kept.len() <= most && separation < PARTED {
+            break;
+        }
+        all = all.minus(&pair.proposals[kept.remove(at)]);
+    }
+    kept
 }

@@ -299,7 +299,7 @@ fn info(e: &Entry, missing: Option<&String>) -> EffectInfo {
         forms: vec![form.collect()],
         varies_with: &[],
         beforehand: 0.0,
-        untestable: missing.cloned(),
+        untestable: missing.map(|why| why.as_str().into()),
     }
 }
 

@@ -94,6 +94,16 @@ pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     );
     if let Some(next) = &r.next_measurement {
         let _ = write!(h, "<h2>Measure next</h2><p>{}</p>", escape(&next.text));
+        let rows = next.places();
+        if !next.captures.is_empty() {
+            h.push_str("<table>");
+            for (row, tag) in rows.iter().zip(std::iter::once("th").chain(std::iter::repeat("td")))
+            {
+                let cell = |text: &String| format!("<{tag}>{}</{tag}>", escape(text));
+                let _ = write!(h, "<tr>{}</tr>", row.iter().map(cell).collect::<String>());
+            }
+            h.push_str("</table>");
+        }
     }
     h.push_str("<h2>Measured less predicted, before and after</h2>");
     for variable in &experiment.layout().variables {

@@ -42,8 +42,8 @@ pub fn detectable(experiment: &dyn Experiment, noise_mm: f64) -> Result<Vec<Dete
     let mut spans: Vec<Option<DMatrix<f64>>> = Vec::new();
     for (effect, info) in experiment.effects().iter().enumerate() {
         let name = info.name.to_string();
-        let (untestable, least, span) = if let Some(why) = &info.untestable {
-            (Some(why.clone()), BTreeMap::new(), None)
+        let (untestable, least, span) = if let Some(untestable) = &info.untestable {
+            (Some(untestable.why.clone()), BTreeMap::new(), None)
         } else {
             let at = simplest(effect, info);
             let columns = size_columns(experiment, &base.nuisances, &predicted, &at);

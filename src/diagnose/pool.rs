@@ -34,9 +34,14 @@ pub struct Candidate {
     pub free: bool,
     /// A step or bump: its last column, a constant, may not be needed.
     pub placed: bool,
+    /// A shape of an order: a harmonic, a degree, or two of these.
+    pub has_order: bool,
     /// What being one of several costs: an effect of many forms, a shape of many variables and outputs, nats.
     pub choice: f64,
 }
+
+/// Forms that fit alike are taken in their order, simplest first, nats.
+const IN_ORDER: f64 = 1e-3;
 
 /// What it costs to be one of several, nats.
 pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
@@ -46,7 +51,8 @@ pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
             let forms = &info.forms;
             let switches = forms[a.form].iter().filter(|p| p.is_switch()).count();
             // Of two exact aliases the one in its plain form is named first.
-            (forms.len() as f64).ln() + 0.2 * switches as f64 - info.beforehand
+            let order = IN_ORDER * a.form as f64;
+            (forms.len() as f64).ln() + 0.2 * switches as f64 + order - info.beforehand
         }
         Who::Extra(Extra::Generic(term)) => {
             let layout = fitter.experiment.layout();
@@ -195,6 +201,7 @@ impl Pool {
                 shape_parameters,
                 free: shape.is_some_and(Shape::is_free),
                 placed: shape.is_some_and(Shape::is_placed),
+                has_order: shape.is_some_and(Shape::has_order),
             });
             first += n;
         }

@@ -4,6 +4,7 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 use crate::diagnose::experiment::PlannedCapture;
+use crate::machine::Entered;
 
 /// What the diagnosis says as a whole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
@@ -121,6 +122,43 @@ pub struct NextMeasurement {
     pub text: String,
 }
 
+impl NextMeasurement {
+    /// The captures for people: each place once, with how often it is to be measured.
+    pub fn places(&self) -> Vec<Vec<String>> {
+        let mut places: Vec<(Vec<String>, usize)> = Vec::new();
+        for row in self.rows() {
+            match places.iter_mut().find(|(known, _)| *known == row) {
+                Some((_, times)) => *times += 1,
+                None => places.push((row, 1)),
+            }
+        }
+        let row = |(k, (mut row, times)): (usize, (Vec<String>, usize))| {
+            row.push(if k == 0 { "times".to_owned() } else { times.to_string() });
+            row
+        };
+        places.into_iter().enumerate().map(row).collect()
+    }
+
+    /// The captures as rows of text under the names of their columns.
+    fn rows(&self) -> Vec<Vec<String>> {
+        let names: Vec<&str> =
+            self.captures.first().map_or_else(Vec::new, |c| c.0.keys().copied().collect());
+        let row = |c: &PlannedCapture| names.iter().map(|n| short(c.0[n])).collect();
+        let head = names.iter().map(|n| (*n).to_owned()).collect();
+        std::iter::once(head).chain(self.captures.iter().map(row)).collect()
+    }
+
+    /// The captures as a CSV table, for `simulate` or the machine.
+    pub fn csv(&self) -> String {
+        self.rows().iter().map(|row| row.join(",") + "\n").collect()
+    }
+}
+
+/// A planned value with no more digits than people set.
+fn short(value: f64) -> String {
+    format!("{}", (value * 1e3).round() / 1e3 + 0.0)
+}
+
 /// What each effect's smallest visible size is on this plan.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Detectable {
@@ -141,6 +179,8 @@ pub struct Report {
     pub kind: String,
     /// What the diagnosis says.
     pub verdict: Verdict,
+    /// Numbers of the control that named effects correct, where a machine file says what it holds.
+    pub in_the_control: Vec<Entered>,
     /// Standard deviation of an observation.
     pub noise_mm: f64,
     /// Where the noise figure comes from.

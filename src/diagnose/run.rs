@@ -171,7 +171,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         .experiment
         .effects()
         .iter()
-        .filter_map(|e| e.untestable.as_ref().map(|why| (e.name.to_string(), why.clone())))
+        .filter_map(|e| e.untestable.as_ref().map(|u| (e.name.to_string(), u.why.clone())))
         .collect();
     Report {
         kind: fitter.experiment.kind().into(),
@@ -181,6 +181,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         captures: layout.group_count(),
         observations: layout.values.len(),
         effects: named_effects(fitter, s, &pairs),
+        in_the_control: Vec::new(),
         unnamed,
         gap,
         places: places(fitter, &s.baseline, layout),

@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 
 use crate::diagnose::classes::Rival;
-use crate::diagnose::experiment::Active;
+use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, add, remove};
 use crate::diagnose::select::Selection;
@@ -19,7 +19,10 @@ struct Case {
     sd: f64,
 }
 
-/// 95 % half widths of the parameters of each named effect; `stand_ins` are what could be in their places.
+/// An interval this many times as wide as what machines show is none: the data do not tell that size.
+const UNTOLD: f64 = 1e3;
+
+/// 95 % half widths of the parameters of each named effect, without those that the data do not tell; `stand_ins` are what could be in their places.
 pub fn u95(
     fitter: &Fitter,
     selection: &Selection,
@@ -44,7 +47,18 @@ pub fn u95(
                 }));
                 (name, half_width(&cases, k95(f.noise.dof)))
             };
-            sizes(fitter, f, i).into_iter().enumerate().map(of).collect()
+            let form = fitter.experiment.effects()[own.effect].forms[own.form].iter();
+            let form = form.filter(|p| !p.is_switch()).zip(sizes(fitter, f, i));
+            let told = |p: &Parameter, value: f64, u95: f64| {
+                !p.is_at_limit(value) && u95 < UNTOLD * p.typical.abs().max(value.abs())
+            };
+            form.enumerate()
+                .filter_map(|(k, (p, size))| {
+                    let value = size.1;
+                    let (name, u95) = of((k, size));
+                    told(p, value, u95).then_some((name, u95))
+                })
+                .collect()
         })
         .collect()
 }

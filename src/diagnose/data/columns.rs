@@ -10,7 +10,8 @@ use crate::diagnose::data::{
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Untestable,
+    Variable,
 };
 use crate::error::Result;
 use crate::fit::robust::range;
@@ -49,10 +50,15 @@ impl Columns {
     }
 
     /// Why an effect that needs these columns cannot be tested.
-    pub fn needs(&self, names: &[&str]) -> Option<String> {
+    pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
         let present: Vec<(&str, &[f64])> =
             self.numbers.iter().map(|(k, v)| (*k, v.as_slice())).collect();
         need(&present, names)
+    }
+
+    /// Why an effect cannot be tested that shows wherever this column is not zero, though it may never change.
+    pub fn shows(&self, name: &str) -> Option<Untestable> {
+        self.needs(&[name]).filter(|_| self.get(name).iter().all(|v| *v == 0.0))
     }
 
     /// Rows of one path or axis.
@@ -73,6 +79,8 @@ struct Sort {
     outputs: &'static [&'static str],
     /// Columns that a planned capture may set.
     planned: &'static [&'static str],
+    /// Those of them that it may set otherwise than they ever were.
+    widened: &'static [&'static str],
     library: fn(&Columns) -> Library<Columns, Vector3<f64>>,
     /// Prediction of one row's outputs: data, nuisances, row, the effects' errors.
     predict: fn(&Columns, &[f64], usize, Vector3<f64>) -> [f64; 2],
@@ -82,6 +90,7 @@ const BURN: Sort = Sort {
     kind: "burn",
     outputs: &["dx_mm", "dy_mm"],
     planned: &["height_mm", "power_w", "b_deg"],
+    widened: &["height_mm", "power_w"],
     library: effects::burn::library,
     predict: |_, _, _, e| [e.x, e.y],
 };
@@ -89,6 +98,7 @@ const THERMAL: Sort = Sort {
     kind: "thermal",
     outputs: &["error_mm"],
     planned: &["position_mm", "screw_c"],
+    widened: &[],
     library: effects::thermal::library,
     predict: thermal::predict,
 };
@@ -96,6 +106,7 @@ const BALLBAR: Sort = Sort {
     kind: "ballbar",
     outputs: &["length_mm"],
     planned: &["b_deg", "dir"],
+    widened: &[],
     library: effects::ballbar::library,
     predict: ballbar::predict,
 };
@@ -133,6 +144,11 @@ impl ColumnsExperiment {
         let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
         warnings.extend(units::celsius("temp_c", data.get("temp_c")));
+        if let Some(row) = data.get("height_mm").iter().position(|h| *h < 0.0) {
+            let fix =
+                "give the height of the nozzle above the plate, at which the ring was burnt, in mm";
+            return Err(table.error(row, "height_mm", "is below zero", fix));
+        }
         let highest = data.get("height_mm").iter().copied().fold(0.0, f64::max);
         warnings.extend(units::height("column 'height_mm'", highest));
         Self::new(&BURN, table, data, Vec::new(), machine, warnings)
@@ -323,6 +339,10 @@ impl Experiment for ColumnsExperiment {
                 // What B can do on one side it can do on the other.
                 high = high.max(-low);
                 low = -high;
+            }
+            if high == low && self.sort.widened.contains(&name) {
+                // What never changed hides what it does: half as much of it shows that.
+                low = 0.5 * high;
             }
             let count = if high > low { PLANNED_STEPS } else { 1 };
             let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;

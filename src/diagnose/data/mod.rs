@@ -10,7 +10,7 @@ pub mod thermal;
 use std::collections::HashMap;
 
 use crate::diagnose::effects::{Library, NAMES};
-use crate::diagnose::experiment::Active;
+use crate::diagnose::experiment::{Active, Untestable};
 use crate::error::{Error, Result, nearest};
 use crate::machine::{Effect, Machine};
 
@@ -35,14 +35,19 @@ pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
 }
 
 /// Whether a column is there and varies; otherwise why an effect that needs it cannot be tested.
-pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<String> {
-    names.iter().find_map(|name| match present.iter().find(|(n, _)| n == name) {
-        Some((_, values)) if !values.is_empty() => {
-            let (low, high) = crate::fit::robust::range(values);
-            (high - low <= 1e-9 * (1.0 + high.abs()))
-                .then(|| format!("column '{name}' never changes"))
-        }
-        _ => Some(format!("column '{name}' is missing")),
+pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<Untestable> {
+    let column = |name: &&str| present.iter().find(|(n, v)| n == name && !v.is_empty());
+    if let Some(name) = names.iter().find(|name| column(name).is_none()) {
+        let why = format!("column '{name}' is missing");
+        return Some(Untestable { why, predictable: false });
+    }
+    let still = names.iter().filter_map(column).find(|(_, values)| {
+        let (low, high) = crate::fit::robust::range(values);
+        high - low <= 1e-9 * (1.0 + high.abs())
+    });
+    still.map(|(name, _)| Untestable {
+        why: format!("column '{name}' never changes"),
+        predictable: true,
     })
 }
 
@@ -129,14 +134,13 @@ pub fn known_effects<C, E: Clone + Default>(
         let active = library.resolve(&effect.name, &effect.parameters).map_err(|reason| {
             Error::measure(format!("effects '{}'", effect.name), reason, "correct its parameters")
         })?;
-        if let Some(why) = &library.infos[active.effect].untestable {
-            warnings.push(format!(
+        match &library.infos[active.effect].untestable {
+            Some(Untestable { why, predictable: false }) => warnings.push(format!(
                 "the model's effect '{}' cannot be predicted here: {why}",
                 effect.name
-            ));
-            continue;
+            )),
+            _ => known.push(active),
         }
-        known.push(active);
     }
     Ok(known)
 }

@@ -14,7 +14,7 @@ use crate::diagnose::data::{extend_time, known_effects, need};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
-    Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
+    Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Untestable,
 };
 use crate::error::Result;
 use crate::machine::Machine;
@@ -58,7 +58,7 @@ impl Rod {
     }
 
     /// Why an effect that needs these columns cannot be tested.
-    pub fn needs(&self, names: &[&str]) -> Option<String> {
+    pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
         let x: Vec<f64> = self.place.iter().map(|p| p.x).collect();
         let y: Vec<f64> = self.place.iter().map(|p| p.y).collect();
         let present: [(&str, &[f64]); 7] = [

@@ -9,7 +9,8 @@ use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::library;
 use crate::diagnose::effects::rtcp_pose::PoseError;
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Untestable,
+    Variable,
 };
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
@@ -55,7 +56,7 @@ pub struct Rtcp {
 
 impl Rtcp {
     /// Why an effect that needs these columns cannot be tested.
-    pub fn needs(&self, names: &[&str]) -> Option<String> {
+    pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
         let present: [(&str, &[f64]); 6] = [
             ("b_deg", &self.b_deg),
             ("c_deg", &self.c_deg),
@@ -65,6 +66,11 @@ impl Rtcp {
             ("temp_c", &self.temp_c),
         ];
         need(&present, names)
+    }
+
+    /// Why an effect cannot be tested that shows wherever B came from one side, though it may always have come from there.
+    pub fn shows_dir_b(&self) -> Option<Untestable> {
+        self.needs(&["dir_b"]).filter(|_| self.dir_b.iter().all(|d| *d == 0.0))
     }
 
     /// First time.

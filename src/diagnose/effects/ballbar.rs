@@ -8,7 +8,7 @@ use crate::diagnose::data::cups::Cup;
 use crate::diagnose::effects::{
     CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, lagged, risen, words,
 };
-use crate::diagnose::experiment::Parameter;
+use crate::diagnose::experiment::{Parameter, Untestable};
 use crate::fit::robust::range;
 
 type L = Library<Columns, Vector3<f64>>;
@@ -44,7 +44,7 @@ fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
 }
 
 /// Why a backlash of Z cannot be tested: it turns back where B passes its middle, even in a run driven one way.
-fn z_one_way(data: &Columns) -> Option<String> {
+fn z_one_way(data: &Columns) -> Option<Untestable> {
     let ways = || data.get("dir").iter().enumerate().map(|(row, dir)| dir * slope_mm(data, row));
     let turns_back = ways().any(|w| w > STILL_MM) && ways().any(|w| w < -STILL_MM);
     data.needs(&["dir"]).filter(|_| !turns_back)
@@ -113,7 +113,7 @@ fn sideways(l: &mut L, data: &Columns) {
         true => data.needs(columns),
         false => Some(
             "the bar lies in the plane of the motion: sideways errors do not change its length"
-                .to_owned(),
+                .into(),
         ),
     };
     let shifted = "length, once the cup is off the plane";

@@ -91,7 +91,7 @@ fn tilt(l: &mut L, data: &Columns) {
             HEIGHTS,
             &["height_mm"],
         ),
-        data.needs(&["height_mm"]),
+        data.shows("height_mm"),
     );
     l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
         errors
@@ -107,7 +107,7 @@ fn tilt(l: &mut L, data: &Columns) {
             HEIGHTS,
             &["height_mm"],
         ),
-        data.needs(&["height_mm"]),
+        data.shows("height_mm"),
     );
     l.form(vec![Parameter::linear("angle_deg", 0.01)], |data, p, errors| {
         errors
@@ -142,7 +142,7 @@ fn sag(l: &mut L, data: &Columns) {
             "burns on a tilted plate over all B",
             &["b_deg"],
         ),
-        data.needs(&["b_deg"]),
+        data.shows("b_deg"),
     );
     let sin = |data: &Columns, row: usize| data.get("b_deg")[row].to_radians().sin();
     along(l, ["side_mm", ""], 0.01, &[0], sin);
@@ -207,7 +207,7 @@ fn power(l: &mut L, data: &Columns) {
             "powers from the least to the greatest at one height",
             &["power_w"],
         ),
-        data.needs(&["power_w"]),
+        data.shows("power_w"),
     );
     for axes in ALL {
         along(l, ["x_mm_per_kw", "y_mm_per_kw"], 0.01, axes, |data, row| {
@@ -252,7 +252,7 @@ fn camera(l: &mut L, data: &Columns) {
             HEIGHTS,
             &["height_mm"],
         ),
-        data.needs(&["height_mm"]),
+        data.shows("height_mm"),
     );
     for axes in ALL {
         along(l, ["x_per_m", "y_per_m"], 0.01, axes, |data, row| {

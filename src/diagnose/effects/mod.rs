@@ -13,7 +13,7 @@ pub mod thermal_columns;
 
 use std::collections::BTreeMap;
 
-use crate::diagnose::experiment::{Active, EffectInfo, Parameter};
+use crate::diagnose::experiment::{Active, EffectInfo, Parameter, Untestable};
 
 /// The names of all kinds' effects: one that stands here is another kind's, one that nearly does is misspelt.
 pub const NAMES: [&str; 59] = [
@@ -143,7 +143,7 @@ impl<C, E> Default for Library<C, E> {
 
 impl<C, E: Clone + Default> Library<C, E> {
     /// Starts a new effect; its forms follow.
-    pub fn effect(&mut self, words: Words, untestable: Option<String>) -> &mut Self {
+    pub fn effect(&mut self, words: Words, untestable: Option<Untestable>) -> &mut Self {
         self.infos.push(EffectInfo {
             name: words.name.into(),
             meaning: words.meaning.into(),

@@ -114,7 +114,7 @@ fn tilt(l: &mut L) {
 }
 
 fn lens(l: &mut L, data: &Rod) {
-    let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".to_owned());
+    let lens = (!data.has_lens()).then(|| "the calibration has no lens, only a scale".into());
     let wide = "the rod's edge out to the frame's corners";
     let lens_words = |l: &mut L, name, meaning, varies_with: &'static [&'static str]| {
         l.effect(

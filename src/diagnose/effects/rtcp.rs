@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 use crate::diagnose::data::rtcp::Rtcp;
 use crate::diagnose::effects::rtcp_pose::{HeadError, PoseError};
 use crate::diagnose::effects::{Library, Words, rtcp_slow, words};
-use crate::diagnose::experiment::Parameter;
+use crate::diagnose::experiment::{Parameter, Untestable};
 
 pub(super) type L = Library<Rtcp, PoseError>;
 
@@ -86,7 +86,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "pivot-offset-x",
             "the nozzle is off the B axis by ΔX + this",
             "dz against sin B",
-            "B from -90 to +90 at one C",
+            "B from -90 to +90 at one C, with two very different tool lengths",
         ),
         moves.clone(),
     );
@@ -96,7 +96,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "pivot-length",
             "the B axis is R + this above the nozzle",
             "dx against sin B",
-            "B from -90 to +90 at one C",
+            "B from -90 to +90 at one C, with two very different tool lengths",
         ),
         moves.clone(),
     );
@@ -160,7 +160,7 @@ fn b_readings(l: &mut L, data: &Rtcp) {
             best: "each B angle approached from both sides",
             varies_with: &["b_deg", "t_s", "approach_b_deg"],
         },
-        data.needs(&["dir_b"]),
+        data.shows_dir_b(),
     );
     // B's zero may stand midway, or be right for the one direction it was set in: then the other one is off by all of the width.
     for zero_dir in [0.0, 1.0, -1.0] {
@@ -292,7 +292,7 @@ fn table_effects(l: &mut L, data: &Rtcp) {
 }
 
 /// Error motions of the C axis, two cycles a turn and up, and the target's run-out.
-fn c_motion(l: &mut L, turns: Option<String>) {
+fn c_motion(l: &mut L, turns: Option<Untestable>) {
     let words = |name, meaning, evidence, best| Words {
         name,
         meaning,
@@ -309,36 +309,8 @@ fn c_motion(l: &mut L, turns: Option<String>) {
         ),
         turns.clone(),
     );
-    let four = ["x_cos_mm", "x_sin_mm", "y_cos_mm", "y_sin_mm"].map(length).to_vec();
-    l.form(four, |data, p, errors| {
-        for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-            let c = c.to_radians();
-            e.c_shift += Vector3::new(fourier(&[2], &p[..2], c), fourier(&[2], &p[2..], c), 0.0);
-        }
-    });
-    for sense in [1.0, -1.0] {
-        let name = if sense > 0.0 {
-            ["turn_cos_mm", "turn_sin_mm"]
-        } else {
-            ["back_cos_mm", "back_sin_mm"]
-        };
-        l.form(name.map(length).to_vec(), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-                let (s, c) = (2.0 * c.to_radians()).sin_cos();
-                let s = sense * s;
-                e.c_shift += Vector3::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c, 0.0);
-            }
-        });
-    }
-    for (axis, names) in
-        [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]].into_iter().enumerate()
-    {
-        l.form(names.map(length).to_vec(), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-                e.c_shift[axis] += fourier(&[2], p, c.to_radians());
-            }
-        });
-    }
+    radial(l, &[2]);
+    radial(l, &[2, 3]);
     l.effect(
         words(
             "c-axial",
@@ -348,7 +320,7 @@ fn c_motion(l: &mut L, turns: Option<String>) {
         ),
         turns.clone(),
     );
-    for orders in [&[2][..], &[3], &[4], &[1], &[2, 3, 4]] {
+    for orders in [&[2][..], &[3], &[4], &[1], &[2, 3], &[2, 3, 4]] {
         l.form(harmonics(orders, "mm", 0.01), move |data, p, errors| {
             for (e, c) in errors.iter_mut().zip(&data.c_deg) {
                 e.c_shift.z += fourier(orders, p, c.to_radians());
@@ -370,4 +342,41 @@ fn c_motion(l: &mut L, turns: Option<String>) {
             e.c_shift += Vector3::new(p[0] * c + p[1] * s, p[1] * c - p[0] * s, 0.0);
         }
     });
+}
+
+/// The C axis' sideways motions of these orders: in both directions, turning with C or against it, and along one axis alone.
+fn radial(l: &mut L, orders: &'static [u32]) {
+    // The usual order goes without saying.
+    let named = |of: &str| -> Vec<Parameter> {
+        let pair = |k: &u32| {
+            let order = if *k == 2 { String::new() } else { k.to_string() };
+            ["cos", "sin"].map(|wave| Parameter::linear(format!("{of}_{wave}{order}_mm"), 0.02))
+        };
+        orders.iter().flat_map(pair).collect()
+    };
+    let count = 2 * orders.len();
+    l.form([named("x"), named("y")].concat(), move |data, p, errors| {
+        for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+            let c = c.to_radians();
+            let (x, y) = (fourier(orders, &p[..count], c), fourier(orders, &p[count..], c));
+            e.c_shift += Vector3::new(x, y, 0.0);
+        }
+    });
+    for (sense, name) in [(1.0, "turn"), (-1.0, "back")] {
+        l.form(named(name), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                for (k, p) in orders.iter().zip(p.chunks_exact(2)) {
+                    let (s, c) = (sense * f64::from(*k) * c.to_radians()).sin_cos();
+                    e.c_shift += Vector3::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c, 0.0);
+                }
+            }
+        });
+    }
+    for (axis, name) in ["x", "y"].into_iter().enumerate() {
+        l.form(named(name), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                e.c_shift[axis] += fourier(orders, p, c.to_radians());
+            }
+        });
+    }
 }

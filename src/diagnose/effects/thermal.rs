@@ -94,7 +94,7 @@ const CYCLE: &str = "a full cycle of warming up and cooling down";
 
 fn head(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     let sensors = data.head_c.len();
-    let none = || data.head_c.is_empty().then(|| "there is no head sensor column".to_owned());
+    let none = || data.head_c.is_empty().then(|| "there is no head sensor column".into());
     l.effect(
         Words {
             varies_with: &["t_s"],
@@ -327,7 +327,7 @@ fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     /// A sensor seen to stop is likelier to be what is missing than anything not seen, nats.
     const DEAD_BEFOREHAND: f64 = 5.0;
     let sensor = dead_sensor(data);
-    let alive = sensor.is_none().then(|| "every head sensor keeps changing".to_owned());
+    let alive = sensor.is_none().then(|| "every head sensor keeps changing".into());
     let dead = words(
         "sensor-dead",
         "a head sensor has stopped: its share of the growth is missing",
