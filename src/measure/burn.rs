@@ -178,8 +178,8 @@ fn report(
     let plane = planes[1].seen_from(&planes[0]).center_covariance(dof);
     let covariance: Matrix2<f64> = ring.center_covariance() + spot.center_covariance() + plane;
     let report = Report {
-        ring: CircleReport::of(&ring, &planes[0]),
-        spot: CircleReport::of(&spot, &planes[1]),
+        ring: CircleReport::of_mark(&ring, &planes[0]),
+        spot: CircleReport::of_mark(&spot, &planes[1]),
         offset: Offset::judge(apart, covariance, plane, dof, options),
         budget: {
             // Along the offset, which is the way that counts for the distance.

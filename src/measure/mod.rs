@@ -26,7 +26,7 @@ use serde::Serialize;
 
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Picture};
-use crate::uncertainty::k95;
+use crate::uncertainty::{K95, k95};
 use plane_errors::PlaneErrors;
 use ring::Ring;
 
@@ -67,6 +67,15 @@ impl CircleReport {
             arc_coverage: ring.arc_coverage,
             form_rms_mm: ring.form_rms_mm,
         }
+    }
+
+    /// The same of a burnt mark, which may be soft itself: what a blurred picture takes from a sharp mark's diameter was added, and a soft
+    /// mark's has lost nothing of it. Which it is no picture tells.
+    pub(crate) fn of_mark(ring: &Ring, plane: &PlaneErrors) -> Self {
+        let report = Self::of(ring, plane);
+        // Anywhere between none and all of it alike, seen from all.
+        let own_mm = K95 * 2.0 * ring.blur_mm / 3f64.sqrt();
+        Self { diameter_u95_mm: report.diameter_u95_mm.hypot(own_mm), ..report }
     }
 }
 

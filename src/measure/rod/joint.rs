@@ -44,7 +44,7 @@ pub(super) struct Joint {
 
 impl Joint {
     /// The rod in the camera's plane where the machine puts a capture.
-    fn put(&self, arc: &Arc) -> Circle {
+    pub fn put(&self, arc: &Arc) -> Circle {
         Circle { center: self.centers[arc.angle] - arc.position_mm, radius: self.radius }
     }
 

@@ -15,6 +15,7 @@ mod points;
 mod report;
 mod seek;
 mod sight;
+mod slip;
 mod turned;
 
 pub use captures::{Capture, read as read_captures};
@@ -138,7 +139,13 @@ pub fn measure_frames(
     let (c_deg, angle_of) = captures::table_angles(captures);
     let attempts = Attempts::new(captures, &angle_of, frames, options.diameter_mm);
     let measure_at = |found: &Found| -> Result<Measured> {
-        let followed = follow(captures, frames, found, &angle_of)?;
+        let mut followed = follow(captures, frames, found, &angle_of)?;
+        if found.without.is_none()
+            && let Some(without) = slip::at_fault(&followed.arcs, &followed.robust)
+        {
+            let found = Found { without: Some(without), ..found.clone() };
+            followed = follow(captures, frames, &found, &angle_of)?;
+        }
         let mut measured = finish(captures, options, &c_deg, &angle_of, &followed)?;
         let mut beside = [found.fainter_mm, found.stronger_mm];
         if c_deg.len() > 1 && beside.iter().any(Option::is_some) {
