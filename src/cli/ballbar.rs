@@ -159,16 +159,16 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
     let (path, setup) = (Path::parse(&args.path)?, args.setup.setup());
     let poses = path.plan(&setup, args.range.range())?;
     let step_mm = poses[0].apart_mm(&poses[1], &setup);
+    above_zero("--feed-mm-min", args.feed_mm_min, "give a speed")?;
+    let zero = [args.x_zero_mm, args.z_zero_mm];
+    if !zero.iter().all(|v| v.abs() < 1e6) {
+        return Err(Error::option(
+            "--x-zero-mm, --z-zero-mm",
+            "are no places on a machine",
+            "give lengths in mm",
+        ));
+    }
     if let Some(file) = &args.gcode {
-        above_zero("--feed-mm-min", args.feed_mm_min, "give a speed")?;
-        let zero = [args.x_zero_mm, args.z_zero_mm];
-        if !zero.iter().all(|v| v.abs() < 1e6) {
-            return Err(Error::option(
-                "--x-zero-mm, --z-zero-mm",
-                "are no places on a machine",
-                "give lengths in mm",
-            ));
-        }
         let code = path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero);
         global.write(file, code.as_bytes())?;
     }

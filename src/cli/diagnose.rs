@@ -45,7 +45,7 @@ pub struct Args {
     /// Write a page with plots before and after into this folder
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Only say what this plan can and cannot show; the measured columns are not needed
+    /// Only say what this plan can and cannot show; the measured columns are not needed (but a rod's edge points: where its rim is seen)
     #[arg(long, conflicts_with_all = ["write_model", "write_next", "report"])]
     plan_only: bool,
 }
@@ -207,13 +207,15 @@ fn table(r: &Report) -> String {
         1e3 * g.noise_rms_mm
     );
     for w in r.places.iter().take(3) {
+        let place = match w.from == w.to {
+            true => format!("= {:.2}", w.from),
+            false => format!("{:.2} .. {:.2}", w.from, w.to),
+        };
         let _ = writeln!(
             t,
-            "where     {} at {} {:.2} .. {:.2}: {:.2} µm rms before",
+            "where     {} at {} {place}: {:.2} µm rms before",
             w.output,
             w.versus,
-            w.from,
-            w.to,
             1e3 * w.rms_mm
         );
     }
@@ -230,6 +232,12 @@ fn table(r: &Report) -> String {
     t
 }
 
+/// A size with three digits that count.
+fn significant(value: f64) -> String {
+    let decimals = (2.0 - value.abs().max(1e-9).log10().floor()).clamp(0.0, 9.0) as usize;
+    format!("{value:.decimals$}")
+}
+
 fn plan_table(list: &[Detectable]) -> String {
     let mut t = format!("{:18} smallest size seen 19 times of 20\n", "effect");
     for d in list {
@@ -238,7 +246,7 @@ fn plan_table(list: &[Detectable]) -> String {
             None => d
                 .least
                 .iter()
-                .map(|(name, v)| format!("{name} {v:.3e}"))
+                .map(|(name, v)| format!("{name} {}", significant(*v)))
                 .collect::<Vec<_>>()
                 .join(", "),
         };

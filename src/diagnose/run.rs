@@ -3,6 +3,7 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
+use crate::diagnose::basis::distinct;
 use crate::diagnose::by_site;
 use crate::diagnose::classes::{by_name, pair_instead, rivals, stand_ins};
 use crate::diagnose::doubts;
@@ -295,13 +296,22 @@ fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
             if high <= low {
                 continue;
             }
+            // Few values are their own ranges: a direction is 1 or -1, and nothing between.
+            let few = distinct(&v.values);
             let width = (high - low) / BINS as f64;
-            for b in 0..BINS {
-                let (from, to) = (low + width * b as f64, low + width * (b + 1) as f64);
+            let count = if few.len() <= BINS { few.len() } else { BINS };
+            for b in 0..count {
+                let (from, to) = match few.len() <= BINS {
+                    true => (few[b], few[b]),
+                    false => (low + width * b as f64, low + width * (b + 1) as f64),
+                };
+                let inside = |x: f64| match from == to {
+                    true => (x - from).abs() <= 1e-6 * (high - low),
+                    false => x >= from && (x < to || b + 1 == BINS && x == high),
+                };
                 let (mut sum, mut in_noise, mut weight) = (0.0, 0.0, 0.0);
                 for i in 0..f.residual.len() {
-                    let last = b + 1 == BINS && v.values[i] == high;
-                    if fitter.space.kept(i) && v.values[i] >= from && (v.values[i] < to || last) {
+                    if fitter.space.kept(i) && inside(v.values[i]) {
                         let share = d.factors[i] * d.factors[i];
                         let noise = f.noise.sigma_mm[layout.classes[i]].max(1e-12);
                         sum += share * f.residual[i].powi(2);

@@ -2,6 +2,7 @@
 
 mod header;
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
@@ -178,6 +179,7 @@ impl Table {
     /// The cell as a finite number.
     pub fn number(&self, row: usize, name: &str) -> Result<f64> {
         let text = self.text(row, name);
+        let shown = shortened(text);
         let value: f64 = text.parse().map_err(|_| {
             let hint = if text.contains(',') {
                 "write the decimal mark as a point"
@@ -186,14 +188,14 @@ impl Table {
             };
             match text {
                 "" => self.error(row, name, "is empty", "fill the cell in, or remove the row"),
-                _ => self.error(row, name, format!("'{text}' is not a number"), hint),
+                _ => self.error(row, name, format!("'{shown}' is not a number"), hint),
             }
         })?;
         if !value.is_finite() {
             return Err(self.error(
                 row,
                 name,
-                format!("'{text}' is not finite"),
+                format!("'{shown}' is not finite"),
                 "remove the row or measure it again",
             ));
         }
@@ -201,7 +203,7 @@ impl Table {
             return Err(self.error(
                 row,
                 name,
-                format!("'{text}' is beyond anything that is measured"),
+                format!("'{shown}' is beyond anything that is measured"),
                 "remove the row or measure it again",
             ));
         }
@@ -216,6 +218,15 @@ impl Table {
     /// A whole column, or `None` where the column is missing.
     pub fn optional_column(&self, name: &str) -> Result<Option<Vec<f64>>> {
         if self.has(name) { self.column(name).map(Some) } else { Ok(None) }
+    }
+}
+
+/// A cell as a message shows it: nobody reads a thousand characters.
+fn shortened(text: &str) -> Cow<'_, str> {
+    const MOST: usize = 40;
+    match text.char_indices().nth(MOST) {
+        Some((end, _)) => Cow::Owned(format!("{}…", &text[..end])),
+        None => Cow::Borrowed(text),
     }
 }
 
