@@ -175,7 +175,7 @@ mod tests {
         let radians: Vec<f64> =
             degrees.iter().map(|d| (1e4 * d.to_radians()).round() / 1e4).collect();
         assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
-        assert!(angles("c_deg", &[0.0, 1.5708]).is_some());
+        assert!(angles("c_deg", &[0.0, 2.0944]).is_some());
         for right in [
             degrees,
             vec![0.0; 4],

@@ -332,8 +332,8 @@ fn a_slip_at_one_of_several_table_angles_is_named_and_left_out() {
     let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
     let told = report.warnings.iter().any(|w| w.starts_with("capture 4: left out"));
     assert!(told && report.captures[4].edge_points == 0, "{:?}", report.warnings);
-    for k in 0..2 {
-        let (off, u95) = (report.axis_center_mm[k] - AXIS_MM[k], report.axis_center_u95_mm[k]);
+    let off_mm = Vector2::from(report.axis_center_mm) - Vector2::from(AXIS_MM);
+    for (off, u95) in off_mm.iter().zip(report.axis_center_u95_mm) {
         assert!(off.abs() < 1.5 * u95 && u95 < 0.001, "{off} ± {u95}");
     }
 }

@@ -1,12 +1,13 @@
 //! The report page: verdict, ranking, and the residuals before and after over each variable.
 
-use std::fmt::Write as _;
-
 use crate::diagnose::experiment::{Experiment, Variable};
-use crate::diagnose::report::{Report, Verdict};
+use crate::diagnose::report::{NamedEffect, Report, Verdict};
 use crate::fit::robust::range;
+use crate::machine::Entered;
 use crate::output::escape;
 use crate::plot::{Figure, Panel};
+use crate::report::advice::class;
+use crate::report::html::{document, table};
 
 /// What the verdict means, for a service engineer.
 fn plain(verdict: Verdict) -> &'static str {
@@ -28,99 +29,86 @@ fn plain(verdict: Verdict) -> &'static str {
 
 /// The page.
 pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
-    let mut h = String::from(
-        "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Diagnosis</title><style>\
-         body{font:16px/1.5 system-ui,sans-serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#222}\
-         table{border-collapse:collapse;margin:1rem 0}td,th{border-bottom:1px solid #ccc;padding:.3rem .8rem;text-align:left;vertical-align:top}\
-         .verdict{font-size:1.4rem;font-weight:600}svg{max-width:100%;height:auto}</style>",
-    );
-    // Writing to a String cannot fail.
-    let _ = write!(
-        h,
-        "<h1>Diagnosis: {}</h1><p class=\"verdict\">{}</p><p>{}</p><p>{} captures, {} values; noise {:.2} µm ({}).</p>",
+    let mut body = format!(
+        "<header><h1>Diagnosis: {}</h1><p>{} captures, {} values; noise {:.2} µm ({})</p></header>\n\
+         <p class=\"verdict {}\"><b>{}</b> {}</p>\n",
         r.kind,
-        r.verdict.word(),
-        plain(r.verdict),
         r.captures,
         r.observations,
         1e3 * r.noise_mm,
-        escape(&r.noise_source)
+        escape(&r.noise_source),
+        class(r.verdict.word()),
+        r.verdict.word().to_uppercase(),
+        plain(r.verdict),
     );
     if !r.effects.is_empty() {
-        h.push_str("<h2>What is missing</h2><table><tr><th>effect</th><th>size</th><th>share</th><th>fits as well</th></tr>");
-        for e in &r.effects {
-            let sizes: Vec<String> = e
-                .parameters
-                .iter()
-                .map(|(k, v)| match e.parameters_u95.get(k) {
-                    Some(u) => format!("{k} = {v:.6} ± {u:.6}"),
-                    None => format!("{k} = {v}"),
-                })
-                .collect();
-            let rivals = if e.confusable_with.is_empty() {
-                "none".into()
-            } else {
-                e.confusable_with.join(", ")
-            };
-            let _ = write!(
-                h,
-                "<tr><td><b>{}</b><br>{}</td><td>{}</td><td>{:.0} %</td><td>{rivals}</td></tr>",
-                e.name,
-                escape(&e.meaning),
-                sizes.join("<br>"),
-                e.share_percent
-            );
-        }
-        h.push_str("</table>");
+        body += "<h2>What is missing</h2>\n";
+        let head = ["Effect", "What is wrong", "Size", "Share", "Fits as well"];
+        body += &table(&head, r.effects.iter().map(named));
     }
-    if !r.unnamed.is_empty() {
-        h.push_str("<h2>Without a name</h2><ul>");
-        r.unnamed.iter().for_each(|u| {
-            let _ = write!(h, "<li>{}</li>", escape(&u.text));
-        });
-        h.push_str("</ul>");
+    if !r.in_the_control.is_empty() {
+        body += "<h2>In the control</h2>\n";
+        let row = |e: &Entered| {
+            let new = format!("{:.4}", e.new_mm);
+            let u95 = e.u95_mm.map_or(String::new(), |u| format!("{u:.4}"));
+            vec![e.key.clone(), format!("{:.4}", e.now_mm), new, u95, e.effect.clone()]
+        };
+        let head = ["Number, mm", "Now", "New", "U (95 %)", "If it is"];
+        body += &table(&head, r.in_the_control.iter().map(row));
     }
+    body += &list("Without a name", r.unnamed.iter().map(|u| u.text.clone()));
     let g = &r.gap;
-    let _ = write!(
-        h,
-        "<h2>The gap</h2><table><tr><th>µm rms</th><th>before</th><th>after</th></tr>\
-         <tr><td>fitted captures</td><td>{:.2}</td><td>{:.2}</td></tr><tr><td>captures held out</td><td>{:.2}</td><td>{:.2}</td></tr>\
-         <tr><td>noise</td><td colspan=\"2\">{:.2}</td></tr></table>",
-        1e3 * g.before_rms_mm,
-        1e3 * g.after_rms_mm,
-        1e3 * g.heldout_before_rms_mm,
-        1e3 * g.heldout_after_rms_mm,
-        1e3 * g.noise_rms_mm
-    );
+    let line = |name: &str, values: [f64; 2]| {
+        let [before, after] = values.map(|mm| format!("{:.2}", 1e3 * mm));
+        vec![name.to_owned(), before, after]
+    };
+    let lines = [
+        line("fitted captures", [g.before_rms_mm, g.after_rms_mm]),
+        line("captures held out", [g.heldout_before_rms_mm, g.heldout_after_rms_mm]),
+        line("noise", [g.noise_rms_mm; 2]),
+    ];
+    body += "<h2>The gap</h2>\n";
+    body += &table(&["µm rms", "Before", "After"], lines.into_iter());
     if let Some(next) = &r.next_measurement {
-        let _ = write!(h, "<h2>Measure next</h2><p>{}</p>", escape(&next.text));
-        let rows = next.places();
-        if !next.captures.is_empty() {
-            h.push_str("<table>");
-            for (row, tag) in rows.iter().zip(std::iter::once("th").chain(std::iter::repeat("td")))
-            {
-                let cell = |text: &String| format!("<{tag}>{}</{tag}>", escape(text));
-                let _ = write!(h, "<tr>{}</tr>", row.iter().map(cell).collect::<String>());
-            }
-            h.push_str("</table>");
+        body += &format!("<h2>Measure next</h2>\n<p>{}</p>\n", escape(&next.text));
+        let mut places = next.places().into_iter();
+        if let (Some(head), false) = (places.next(), next.captures.is_empty()) {
+            body += &table(&head.iter().map(String::as_str).collect::<Vec<_>>(), places);
         }
     }
-    h.push_str("<h2>Measured less predicted, before and after</h2>");
-    for variable in &experiment.layout().variables {
-        let (low, high) = range(&variable.values);
-        if high > low {
-            h.push_str(&figure(experiment, variable, r).to_svg());
-        }
+    let varies = |v: &&Variable| {
+        let (low, high) = range(&v.values);
+        high > low
+    };
+    let figure = |v: &Variable| format!("<figure>{}</figure>\n", figure(experiment, v, r).to_svg());
+    let figures: String = experiment.layout().variables.iter().filter(varies).map(figure).collect();
+    if !figures.is_empty() {
+        body += &format!("<h2>Measured less predicted, before and after</h2>\n{figures}");
     }
-    if !r.untested.is_empty() {
-        h.push_str("<h2>Not tested</h2><ul>");
-        r.untested.iter().for_each(|(name, why)| {
-            let _ = write!(h, "<li>{}: {}</li>", escape(name), escape(why));
-        });
-        h.push_str("</ul>");
+    body += &list("Not tested", r.untested.iter().map(|(name, why)| format!("{name}: {why}")));
+    document("Diagnosis", &body)
+}
+
+/// A named effect as a row.
+fn named(e: &NamedEffect) -> Vec<String> {
+    let size = |(k, v): (&String, &f64)| match e.parameters_u95.get(k) {
+        Some(u) => format!("{k} = {v:.6} ± {u:.6}"),
+        None => format!("{k} = {v}"),
+    };
+    let sizes: Vec<String> = e.parameters.iter().map(size).collect();
+    let rivals =
+        if e.confusable_with.is_empty() { "none".into() } else { e.confusable_with.join(", ") };
+    let share = format!("{:.0} %", e.share_percent);
+    vec![e.name.clone(), e.meaning.clone(), sizes.join(", "), share, rivals]
+}
+
+/// A list under a heading, if there is anything in it.
+fn list(heading: &str, items: impl Iterator<Item = String>) -> String {
+    let items: String = items.map(|text| format!("<li>{}</li>\n", escape(&text))).collect();
+    match items.is_empty() {
+        true => items,
+        false => format!("<h2>{heading}</h2>\n<ul>\n{items}</ul>\n"),
     }
-    h.push_str("</html>\n");
-    h
 }
 
 /// One panel per output: means over the variable's ranges, before and after.

@@ -59,7 +59,8 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
     (class(stated), sentence)
 }
 
-fn class(verdict: &str) -> &'static str {
+/// The class of a verdict's word in the page's style.
+pub fn class(verdict: &str) -> &'static str {
     match verdict {
         "pass" | "consistent" => "pass",
         "fail" | "unknown" => "fail",

@@ -1,9 +1,9 @@
 //! A result as one self-contained HTML page: verdict first, then the numbers as metrology people read them,
 //! pictures, what contributes to the uncertainty, the calibration, and what to do next. Prints on A4.
 
-mod advice;
+pub(crate) mod advice;
 mod charts;
-mod html;
+pub(crate) mod html;
 mod numbers;
 
 use std::path::{Path, PathBuf};
