@@ -20,8 +20,13 @@ pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<
     let line_of = |span: Option<std::ops::Range<usize>>| {
         span.map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count() as u64)
     };
-    let fail = |line, field: &str, reason: &str| {
-        Error::field(path, line, field, reason.trim().replace('\n', " "), "correct the file")
+    let fail = |line: Option<u64>, field: &str, reason: &str| {
+        let at = line.and_then(|n| text.lines().nth(n as usize - 1)).unwrap_or("");
+        let fix = match has_decimal_comma(at) {
+            true => "write the decimal mark as a point",
+            false => "correct the file",
+        };
+        Error::field(path, line, field, reason.trim().replace('\n', " "), fix)
     };
     let mut table: toml::Table =
         toml::from_str(text).map_err(|e| fail(line_of(e.span()), "TOML", e.message()))?;
@@ -40,6 +45,15 @@ pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<
     let in_text = toml::from_str::<T>(text).err().filter(|e| e.message() == error.message());
     let line = in_text.map_or_else(|| line_with(text, &field), |e| line_of(e.span()));
     Err(fail(line, &field, &reason))
+}
+
+/// Whether a line gives a key a number with a comma for its decimal mark.
+fn has_decimal_comma(line: &str) -> bool {
+    let value = line.split_once('=').map_or("", |(_, value)| value.trim());
+    let mut parts = value.splitn(2, ',').map(str::trim);
+    let digits = |text: &str| !text.is_empty() && text.chars().all(|c| c.is_ascii_digit());
+    let whole = |text: &str| digits(text.trim_start_matches(['-', '+']));
+    parts.next().is_some_and(whole) && parts.next().is_some_and(digits)
 }
 
 /// The key at which an error lies, such as `camera.distortion`.

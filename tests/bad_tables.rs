@@ -32,6 +32,22 @@ fn wrong_cells_are_named_with_line_and_column() {
         &["deviation_um", "known columns", "deviation_mm"],
     );
     says("t.csv", "angle_deg;deviation_mm\n0;1\n", rotary, &["separated by ';'"]);
+    let titled = "Sweep of 12 March\nangle_deg,deviation_mm\n0,1\n";
+    says("t.csv", titled, rotary, &["t.csv:1", "begin lines above the header with #"]);
+    let zeros = "b_deg,c_deg,dx_mm,dy_mm,dz_mm\n0,0,0,0,0\n10,0,0,0,0\n20,5,0,0,0\n30,9,0,0,0\n";
+    std::fs::write(dir.join("m.toml"), "schema = 1\n[head]\nr_mm = 214.7\n").unwrap();
+    says(
+        "z.csv",
+        zeros,
+        "verify --machine m.toml --data z.csv",
+        &["z.csv", "zeros alone", "fill in"],
+    );
+    says(
+        "d.toml",
+        "schema = 1\n[head]\nr_mm = 214,7\n",
+        "machine d.toml",
+        &["d.toml:3", "a point"],
+    );
     says("t.csv", "angle_deg,deviation_mm,deviation_mm\n0,1,1\n", rotary, &["twice"]);
     says("t.csv", "angle_deg,deviation_mm\n", rotary, &["no rows"]);
     // Lines are counted with what stands before them, as a spreadsheet on Windows writes them.

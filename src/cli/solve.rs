@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, Status, result};
 use crate::error::{Error, Result};
-use crate::machine::Machine;
+use crate::machine::{Machine, is_entered};
 use crate::output::Document;
 use crate::rtcp::Session;
 use crate::rtcp::report::{Replaced, Solution};
@@ -45,7 +45,16 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         }
         Some(path) => {
             match session.control.as_ref().filter(|_| session.control_has_sense) {
-                Some(old) => machine = machine.within(old),
+                Some(old) => {
+                    let gone = old.effects.iter().filter(|e| is_entered(e));
+                    warnings.extend(gone.map(|e| {
+                        format!(
+                            "{} is not in the file written: the number is measured anew",
+                            e.name
+                        )
+                    }));
+                    machine = machine.within(old);
+                }
                 None => keeps_more(path)?,
             }
             global.write(path, machine.to_toml().as_bytes())?;
@@ -67,7 +76,7 @@ fn keeps_more(path: &Path) -> Result<()> {
         Some(parts) => Err(Error::option(
             "--write-machine",
             format!("{} holds {parts}, which would be lost", path.display()),
-            "name it in the session, [control] machine = \"...\": what it holds beside the numbers is kept; or write another file",
+            "name it in the session ([control] machine = \"...\") and write a new file: what it holds beside the numbers is kept there",
         )),
         None => Ok(()),
     }

@@ -1,11 +1,6 @@
-//! Matrix products and orthonormal bases of the diagnosis.
+//! Orthonormal bases of the diagnosis.
 
 use nalgebra::{DMatrix, DVector};
-
-/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use.
-pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
-}
 
 /// An orthonormal basis of the columns; columns that lose all but `tolerance` of their length are dropped.
 pub fn orthonormal(columns: &DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {

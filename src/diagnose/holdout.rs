@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::fit::least_squares;
+use crate::fit::least_squares::transposed_times;
 
 /// Number of folds: many, so that nearly all of the data fit the model that the rest judge.
 const FOLDS: usize = 20;
@@ -27,14 +28,14 @@ pub fn held_out_rms(fitter: &Fitter, fitted: &Fitted, share: f64) -> f64 {
     let scale: Vec<f64> = white.column_iter().map(|c| c.norm().max(1e-300)).collect();
     white.column_iter_mut().zip(&scale).for_each(|(mut c, s)| c /= *s);
     let residual = fitter.whiten_residual(fitted, &fitted.noise);
-    let (information, along) = (white.tr_mul(&white), white.tr_mul(&residual));
+    let (information, along) = (transposed_times(&white, &white), white.tr_mul(&residual));
     let (mut sum, mut count) = (0.0, 0.0);
     for fold in 0..FOLDS {
         // Spread sites over the folds so that neighbours in the file part.
         let out = |g: usize| (layout.sites[g] * 7 + layout.sites[g] / FOLDS) % FOLDS == fold;
         let rows = fitter.space.rows_of(&out);
         let (w, r) = (white.select_rows(&rows), residual.select_rows(&rows));
-        let left = &information - w.tr_mul(&w);
+        let left = &information - transposed_times(&w, &w);
         let mut step = match scale.len() {
             0 => DMatrix::zeros(0, 1),
             n => {

@@ -11,10 +11,11 @@ use std::rc::Rc;
 
 use nalgebra::{DMatrix, DVectorView};
 
-use crate::diagnose::algebra::{orthonormal, transposed_times};
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::noise::serial::Serial;
 use crate::diagnose::rim::{MEMORY_DEG, Rim, Whitener};
+use crate::fit::least_squares::transposed_times;
 
 /// Noise as estimated or given.
 #[derive(Debug, Clone)]

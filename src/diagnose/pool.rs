@@ -4,11 +4,11 @@ use std::cell::OnceCell;
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::diagnose::algebra::transposed_times;
 use crate::diagnose::experiment::{Active, Parameter, size_columns};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::generic::{Term, dictionary};
 use crate::diagnose::shape::Shape;
+use crate::fit::least_squares::transposed_times;
 
 /// What a candidate would add.
 #[derive(Debug, Clone, PartialEq)]

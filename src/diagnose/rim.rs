@@ -7,12 +7,13 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::diagnose::algebra::{orthonormal, transposed_times};
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::fit::{Extra, Fitter};
 use crate::diagnose::generic::Term;
 use crate::diagnose::parts::with_extra;
 use crate::diagnose::score::Standing;
 use crate::diagnose::shape::Shape;
+use crate::fit::least_squares::transposed_times;
 
 /// Pieces of a turn: 3° each.
 const PIECES: usize = 120;

@@ -54,6 +54,11 @@ impl Solution {
     }
 }
 
+/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use.
+pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
+    if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
+}
+
 /// Minimises |r(p)|² from `start`. `model` returns residuals and their Jacobian, both already divided by the
 /// standard deviations. Non-finite values end the search at the last good point.
 pub fn solve(
@@ -68,7 +73,7 @@ pub fn solve(
     for _ in 0..options.max_steps {
         let scale = column_norms(&jacobian);
         let scaled = scale_columns(&jacobian, &scale);
-        let normal = scaled.tr_mul(&scaled);
+        let normal = transposed_times(&scaled, &scaled);
         let gradient = scaled.tr_mul(&residuals);
         let mut accepted = false;
         for _ in 0..30 {

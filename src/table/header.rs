@@ -54,6 +54,21 @@ impl Header<'_> {
 
     /// Where each name stands: all are known, once, and none is missing.
     pub fn index(&self, names: &[String]) -> Result<HashMap<String, usize>> {
+        let known = |name: &String| self.known().any(|k| matches(k, name));
+        let near = |name: &String| nearest(name, self.known()).is_some();
+        if let [only] = names
+            && !known(only)
+            && !near(only)
+        {
+            return Err(self.error(
+                "header",
+                format!("'{only}' names no column"),
+                format!(
+                    "begin lines above the header with #; the header names columns: {}",
+                    self.known().collect::<Vec<_>>().join(", ")
+                ),
+            ));
+        }
         let mut index = HashMap::new();
         for (i, name) in names.iter().enumerate() {
             if name.is_empty() {
