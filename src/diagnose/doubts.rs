@@ -25,14 +25,22 @@ pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
 
 /// What is to be doubted of an answer, in words; `pairs` are the two names that could stand for each of its own.
 pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -> Vec<String> {
-    const CHECK: &str = "more than any machine shows: check that --model is the machine measured and that the columns are in mm and degrees";
+    let bar = match fitter.experiment.kind() {
+        "ballbar" => {
+            " (for a ball bar R and the stand-off add up to the ball's distance from the B axis)"
+        }
+        _ => "",
+    };
+    let check = format!(
+        "more than any machine shows: check that --model is the machine measured{bar} and that the columns are in mm and degrees"
+    );
     let model = &s.fitted.model;
     let effects = fitter.experiment.effects();
     let mut doubts: Vec<String> = (0..model.active.len())
         .filter_map(|i| {
             let most = beyond_machines(contribution(fitter, model, Part::Effect(i)))?;
             let name = &effects[model.active[i].effect].name;
-            Some(format!("{name} adds up to {most:.1} mm, {CHECK}"))
+            Some(format!("{name} adds up to {most:.1} mm, {check}"))
         })
         .collect();
     let within = doubts.is_empty();
@@ -84,7 +92,7 @@ pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
     let gap = s.baseline.residual.iter().enumerate();
     let gap = gap.filter(|(i, _)| fitter.space.kept(*i)).map(|(_, r)| *r);
     if let (true, Some(most)) = (within, beyond_machines(gap)) {
-        doubts.push(format!("the data are up to {most:.1} mm off the model, {CHECK}"));
+        doubts.push(format!("the data are up to {most:.1} mm off the model, {check}"));
     }
     doubts
 }

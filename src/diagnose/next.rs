@@ -59,9 +59,11 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let best = words.join("; ");
     let resolves = !captures.is_empty() && parted.iter().all(|p| *p >= PARTED);
     let count = captures.len();
+    // A ball bar's path has its own order.
+    let order = if fitter.experiment.kind() == "ballbar" { "" } else { ", in random order" };
     let text = match (count, resolves) {
         (0, _) => format!("no capture of this kind tells them apart; {best}"),
-        (_, true) => format!("add the {count} captures listed, in random order; {best}"),
+        (_, true) => format!("add the {count} captures listed{order}; {best}"),
         _ => {
             let open = pairs.iter().zip(&parted).filter(|(_, s)| **s < PARTED);
             let mut open: Vec<String> =
