@@ -56,6 +56,30 @@ fn fitted(csv: &str, options: &fit::Options) -> Alignment {
 const IDEAL: fit::Options =
     fit::Options { z_ideal_mm: 50.0, center_ideal_mm: [0.0, 0.0], c_deg: 0.0, touch_u_mm: None };
 
+/// One touch of five that is 5 mm off leaves a tilt that nobody should cut by, and says so.
+#[test]
+fn a_touch_far_off_the_face_is_told() {
+    let good = touches(0.3, -0.2, Vector3::zeros(), 5, 0.003, 3);
+    let fit = |csv: &str| {
+        let table = Table::parse("t.csv", csv.as_bytes(), &["kind", "x_mm", "y_mm", "z_mm"], &[]);
+        let mut told = Vec::new();
+        let alignment = fit(&Touches::from_table(&table.unwrap()).unwrap(), &IDEAL, &mut told);
+        told.extend(alignment.unwrap().doubts());
+        told
+    };
+    assert!(fit(&good).is_empty());
+    let wrong: Vec<String> = good
+        .lines()
+        .enumerate()
+        .map(|(i, line)| match (i, line.rsplit_once(',')) {
+            (2, Some((head, z))) => format!("{head},{}", z.parse::<f64>().unwrap() + 5.0),
+            _ => line.to_owned(),
+        })
+        .collect();
+    let told = fit(&wrong.join("\n")).join("; ");
+    assert!(told.contains("off their plane") && told.contains("° only"), "{told}");
+}
+
 #[test]
 fn sides_touched_at_different_heights_give_one_axis() {
     let (a, b) = (0.8f64.to_radians(), (-1.3f64).to_radians());

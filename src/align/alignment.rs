@@ -49,6 +49,24 @@ pub struct Alignment {
 }
 
 impl Alignment {
+    /// What is to be doubted before a path is moved by it.
+    pub fn doubts(&self) -> Vec<String> {
+        /// A blank is clamped straighter than this, degrees, and its tilt known better (95 %).
+        const MOST_DEG: f64 = 10.0;
+        const MOST_UNSURE_DEG: f64 = 0.2;
+        let (a, b) = (self.a_deg, self.b_deg);
+        let tilted = (a.abs().max(b.abs()) > MOST_DEG).then(|| {
+            format!(
+                "the blank lies {a:.2}° about X and {b:.2}° about Y off level: is it clamped so?"
+            )
+        });
+        let unsure = self.a_u95_deg.max(self.b_u95_deg);
+        let unsure = (unsure > MOST_UNSURE_DEG).then(|| {
+            format!("the blank's tilt is known to ±{unsure:.2}° only: look for a wrong touch before the path is cut")
+        });
+        tilted.into_iter().chain(unsure).collect()
+    }
+
     /// Reads the JSON result of `align`.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let file = Earlier {

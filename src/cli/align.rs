@@ -109,6 +109,7 @@ fn measure(args: &FitArgs, global: &Global) -> Result<Outcome> {
     let touches = Touches::read(points)?;
     let alignment =
         align::fit(&touches, &options, &mut warnings).map_err(|e| e.measured_in(points))?;
+    warnings.extend(alignment.doubts());
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(folder) = &args.plot {
         global.write_into(folder, "align.svg", alignment.figure(&touches).to_svg().as_bytes())?;
@@ -140,6 +141,7 @@ fn apply_to(args: &ApplyArgs, global: &Global) -> Result<Outcome> {
         )
     };
     let mut warnings = machine.doubts();
+    warnings.extend(alignment.doubts());
     if log.singular.count > 0 {
         warnings.push(format!("singular poses, a rotary axis is free: {}", list(&log.singular)));
     }

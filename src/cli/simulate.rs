@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
+use nalgebra::Vector3;
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, result};
 use crate::diagnose::data::rtcp::add_effects;
+use crate::diagnose::doubts::beyond_machines;
 use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
@@ -155,7 +157,14 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
         warnings.extend(model.doubts());
     } else {
         let experiment = source(args).load(&mut warnings)?;
-        add_effects(experiment.as_ref(), &mut d);
+        let mut added = vec![Vector3::zeros(); d.len()];
+        add_effects(experiment.as_ref(), &mut added);
+        if let Some(most) = beyond_machines(added.iter().map(Vector3::norm)) {
+            warnings.push(format!(
+                "the model's effects add up to {most:.1} mm, more than any machine shows: check their parameters' units"
+            ));
+        }
+        d.iter_mut().zip(added).for_each(|(d, added)| *d += added);
     }
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     let mut noise = noise(args);

@@ -192,7 +192,9 @@ fn answer(compensator: &mut Compensator, output: &mut dyn Write) -> Result<usize
             return Ok(bad);
         }
         let line = String::from_utf8_lossy(&bytes);
-        // Every line has its answer, an empty one too: who asks waits for it.
+        if line.trim().is_empty() {
+            continue;
+        }
         let result = compensator.answer_line(&line);
         bad += usize::from(result.flags.iter().any(|f| f.starts_with("bad-line")));
         answer.clear();

@@ -6,7 +6,7 @@ mod basis;
 mod by_site;
 mod classes;
 pub mod data;
-mod doubts;
+pub(crate) mod doubts;
 pub mod effects;
 mod exchange;
 pub mod experiment;
