@@ -34,8 +34,6 @@ pub struct Candidate {
     pub free: bool,
     /// A step or bump: its last column, a constant, may not be needed.
     pub placed: bool,
-    /// A shape of an order: a harmonic, a degree, or two of these.
-    pub has_order: bool,
     /// What being one of several costs: an effect of many forms, a shape of many variables and outputs, nats.
     pub choice: f64,
 }
@@ -201,7 +199,6 @@ impl Pool {
                 shape_parameters,
                 free: shape.is_some_and(Shape::is_free),
                 placed: shape.is_some_and(Shape::is_placed),
-                has_order: shape.is_some_and(Shape::has_order),
             });
             first += n;
         }

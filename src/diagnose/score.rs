@@ -20,8 +20,6 @@ pub struct Score {
     pub cleared: f64,
     /// Columns that survive the projection.
     pub rank: usize,
-    /// Whether it is a shape of an order (a harmonic, a degree), which was chosen, too.
-    pub has_order: bool,
     /// ln of the p-value, before any correction for the number of candidates.
     pub ln_p: f64,
     /// Log evidence: likelihood gain less the price of the parameters, nats.
@@ -32,16 +30,15 @@ pub struct Score {
     pub coefficient: Option<f64>,
 }
 
-/// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is (an order that was chosen counts as
-/// one); in units of the noise that the shape would leave, as what both explain is no noise.
+/// A name that explains as much as a shape within this χ², with no more coefficients, is what the shape is; in units of the noise
+/// that the shape would leave, as what both explain is no noise.
 pub(super) const AS_MUCH: f64 = 4.0;
 
 impl Score {
     /// Whether a name's score leaves a shape's nothing to say.
     pub fn explains_as_much(&self, shape: &Self) -> bool {
         let cleared = shape.cleared / shape.chi2.max(1e-12);
-        self.rank <= shape.rank + usize::from(shape.has_order)
-            && cleared * (shape.excess() - self.excess()) < AS_MUCH
+        self.rank <= shape.rank && cleared * (shape.excess() - self.excess()) < AS_MUCH
     }
 
     /// χ² beyond what noise gives as many columns.
@@ -123,8 +120,7 @@ impl Standing {
                 };
                 let coefficient = (c.count == 1).then(|| chi2 / along[c.first]);
                 let score = self.score(fitter, fitted, index, dof, (chi2, rank));
-                let has_order = c.has_order;
-                Some(Score { evidence: evidence - c.choice, coefficient, has_order, ..score })
+                Some(Score { evidence: evidence - c.choice, coefficient, ..score })
             })
             .collect()
     }
@@ -173,7 +169,6 @@ impl Standing {
             chi2,
             cleared: self.cleared(dof, chi2),
             rank,
-            has_order: false,
             ln_p: self.ln_p(dof, chi2, rank as f64),
             evidence: 0.0,
             rms_mm: fitted.noise.sigma_mm[0] * (chi2 / n).sqrt(),

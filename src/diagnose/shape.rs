@@ -51,11 +51,6 @@ impl Shape {
         matches!(self, Self::Levels(_) | Self::Surface(_))
     }
 
-    /// Whether it has an order, or one in each of two variables.
-    pub fn has_order(self) -> bool {
-        matches!(self, Self::Harmonic(_) | Self::Power(_) | Self::Product(..))
-    }
-
     /// Whether it stands at a place, or has a number of cycles, that is searched for.
     pub fn is_placed(self) -> bool {
         matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
