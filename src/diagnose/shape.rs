@@ -38,10 +38,6 @@ const PRODUCTS: f64 = 6.0;
 pub(super) const DEGREES: u32 = 4;
 /// Levels of a free function: fewer find smooth functions with less noise, more follow fast ones.
 const LEVELS: [usize; 2] = [24, 48];
-/// Distinct values from which on a function of no set form is another shape than the others.
-const LEAST_LEVELS: usize = 5;
-/// Angles from which on their irregularity tells orders beyond half their number.
-const LEAST_IRREGULAR: u32 = 6;
 /// Least distinct values to a level of the finer functions.
 const VALUES_TO_A_LEVEL: usize = 3;
 
@@ -91,26 +87,6 @@ impl Shape {
     }
 }
 
-/// The highest order that no lower one looks like at these angles: half of what they number, or on no even grid half of that of the
-/// grid they lie on.
-fn highest_order(distinct: &[f64]) -> u32 {
-    let count = distinct.len() as u32;
-    let own = count.saturating_sub(1) / 2 + 1;
-    if count < LEAST_IRREGULAR {
-        return own;
-    }
-    let on_grid = |parts: &u32| {
-        let step = 360.0 / f64::from(*parts);
-        distinct.iter().all(|a| {
-            let off = (a - distinct[0]) / step;
-            (off - off.round()).abs() < 0.02
-        })
-    };
-    // Angles that are on no coarse grid part all orders.
-    let grid = (count..=2 * HARMONICS).find(on_grid).unwrap_or(2 * HARMONICS);
-    own.max(grid / 2)
-}
-
 /// Shapes that the distinct values of a variable can carry.
 pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
     let distinct = distinct(values);
@@ -121,7 +97,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
         return shapes;
     }
     if angle {
-        let most = HARMONICS.min(highest_order(&distinct));
+        let most = HARMONICS.min((count as u32).saturating_sub(1) / 2 + 1);
         shapes.extend((1..=most).map(Shape::Harmonic));
     }
     let whole_turn = angle && high - low > 270.0;
@@ -136,7 +112,7 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
             shapes.push(Shape::Step(0.5 * (distinct[i] + distinct[i + 1])));
         }
     }
-    if count >= LEAST_LEVELS && values.len() >= 60 {
+    if count >= 8 && values.len() >= 60 {
         shapes.push(Shape::Levels(count.min(LEVELS[0])));
         if count >= VALUES_TO_A_LEVEL * LEVELS[1] {
             shapes.push(Shape::Levels(LEVELS[1]));
