@@ -137,15 +137,6 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
     warnings.extend(touches.warnings.iter().cloned());
     let lie = solve(touches, options)?;
     let touch = touch(touches, options, lie.left_mm2, warnings);
-    if let Some(scatter) = Scatter::of(lie.left_mm2, touches.face.len().saturating_sub(3))
-        && scatter.sd_mm > ROUGH_MM
-    {
-        warnings.push(format!(
-            "the face's touches lie {:.3} mm (standard deviation) off their plane: a reading, its sign or its unit may be wrong; look at the \
-             farthest before the path is moved",
-            scatter.sd_mm
-        ));
-    }
     let best = lie.values;
     let u95 = u95(touches, options, best, &touch)?;
     let touched = touches.sides.iter().all(|s| !s.is_empty());
@@ -226,6 +217,12 @@ struct Touch {
 
 fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec<String>) -> Touch {
     let face = Scatter::of(left_mm2, touches.face.len().saturating_sub(3));
+    if let Some(Scatter { sd_mm, .. }) = face.filter(|face| face.sd_mm > ROUGH_MM) {
+        warnings.push(format!(
+            "the face's touches lie {sd_mm:.3} mm (standard deviation) off their plane: a reading, its sign or its unit may be wrong; look at the \
+             farthest before the path is moved"
+        ));
+    }
     let sides = sides_scatter(touches);
     if let Some(u_mm) = options.touch_u_mm {
         for (what, scatter) in [("face", face), ("sides", sides)] {

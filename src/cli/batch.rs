@@ -1,12 +1,14 @@
 //! `pivotsight batch`: many pictures, resumable.
 
+use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-use super::{Global, Outcome, Status, history, result, seconds};
+use super::history::{self, Taken};
+use super::{Global, Outcome, Status, result, seconds};
 use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
@@ -121,8 +123,15 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let Some(path) = &global.records {
         let rows = batch::rows(&options.out)?;
         let (command, calib) = (job.command(), job.calib_path());
-        let pictures = input::list(&args.input, job.kind())?;
-        let taken = (global.taken, pictures.as_slice());
+        // A folder that is watched may be empty by now: what was measured is kept all the same.
+        let listed = matches!(global.taken, Some(Taken::File));
+        let items = listed.then(|| input::list(&args.input, job.kind()).unwrap_or_default());
+        let files: HashMap<String, PathBuf> =
+            items.into_iter().flatten().map(|item| (item.name, item.path)).collect();
+        let taken = |image: &str| {
+            let file = files.get(image).map_or(Path::new(image), PathBuf::as_path);
+            history::time(global.taken, file)
+        };
         let kept = history::keep_batch(path, command, &options.out, &calib, taken, rows);
         history::told(global, kept);
     }

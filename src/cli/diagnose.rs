@@ -12,7 +12,7 @@ use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
 use crate::diagnose::{model, own, page, plan};
 use crate::error::{Error, Result};
-use crate::machine::{Entered, entered};
+use crate::machine::{Entered, Machine, entered};
 use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
@@ -114,14 +114,18 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     for (name, why) in &report.untested {
         warnings.push(format!("{name} could not be tested: {why}"));
     }
-    let kind = experiment.kind();
-    let own = args.effects.as_ref().map(|path| own::read(path, kind)).transpose()?;
-    let machine = model::with_effects(&source.machine()?, &report, &own.unwrap_or_default());
-    if args.model.is_some() {
+    let with_effects = || -> Result<Machine> {
+        let own = args.effects.as_ref().map(|path| own::read(path, experiment.kind()));
+        let own = own.transpose()?.unwrap_or_default();
+        Ok(model::with_effects(&source.machine()?, &report, &own))
+    };
+    let wanted = args.model.is_some() && !report.effects.is_empty() || args.write_model.is_some();
+    let machine = wanted.then(with_effects).transpose()?;
+    if let (Some(machine), Some(_)) = (&machine, &args.model) {
         let named = |e: &Entered| report.effects.iter().any(|n| n.name == e.effect);
-        report.in_the_control = entered(&machine).1.into_iter().filter(named).collect();
+        report.in_the_control = entered(machine).1.into_iter().filter(named).collect();
     }
-    if let Some(path) = &args.write_model {
+    if let (Some(machine), Some(path)) = (&machine, &args.write_model) {
         global.write(path, machine.to_toml().as_bytes())?;
         warnings.extend(model::left_out(&report));
     }
@@ -221,7 +225,7 @@ fn table(r: &Report) -> String {
     }
     if let Some(next) = &r.next_measurement {
         let _ = writeln!(t, "next      {}", next.text);
-        for row in next.places().iter().filter(|_| !next.captures.is_empty()) {
+        for row in next.places() {
             let cells: String = row.iter().map(|cell| format!(" {cell:>12}")).collect();
             let _ = writeln!(t, "         {cells}");
         }

@@ -7,7 +7,6 @@ use std::str::FromStr;
 use serde_json::Value;
 
 use super::{Global, Outcome, result, rows};
-use crate::batch::input::Item;
 use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
@@ -174,7 +173,7 @@ impl FromStr for Taken {
 }
 
 /// The time that a record of what was measured from `path` has.
-fn time(taken: Option<Taken>, path: &Path) -> String {
+pub fn time(taken: Option<Taken>, path: &Path) -> String {
     let seconds = match taken {
         None => None,
         Some(Taken::At(seconds)) => Some(seconds),
@@ -203,14 +202,14 @@ pub fn keep(global: &Global, arguments: &[String], outcome: &Outcome) -> Result<
             .and_then(Value::as_str)
             .map_or_else(|| input.to_string(), str::to_owned);
         let time_utc = time(global.taken, Path::new(&name));
-        Ok(Record { time_utc, ..record(command, name, arguments, None, result) })
+        Ok(record(command, name, time_utc, arguments, None, result))
     });
     // The mean of several tests is what was judged: a series of its own beside that of the tests.
     let mean = document.json.get("mean").map(|mean| {
         let name = format!("{command}-mean");
         let first = results_image(&document.json).unwrap_or_default();
         let time_utc = time(global.taken, Path::new(&first));
-        Ok(Record { time_utc, ..record(&name, input.to_string(), arguments, None, mean.clone()) })
+        Ok(record(&name, input.to_string(), time_utc, arguments, None, mean.clone()))
     });
     Store::open(path)?.add(records.chain(mean)).map(drop)
 }
@@ -233,13 +232,13 @@ pub fn keep_batch(
     command: &str,
     folder: &Path,
     calib: &Path,
-    (taken, pictures): (Option<Taken>, &[Item]),
+    taken: impl Fn(&str) -> String,
     lines: impl Iterator<Item = Result<Value>>,
 ) -> Result<()> {
     let batch = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let arguments = vec![format!("--calib={}", calib.display())];
-    let sample =
-        record(command, String::new(), &arguments, Some(batch.display().to_string()), Value::Null);
+    let batch = Some(batch.display().to_string());
+    let sample = record(command, String::new(), String::new(), &arguments, batch, Value::Null);
     let records = lines.filter_map(|line| {
         let result = match line {
             Ok(line) => line,
@@ -249,10 +248,8 @@ pub fn keep_batch(
             return None;
         }
         let image = text(&result, "image").unwrap_or_default();
-        let file = pictures.iter().find(|item| item.name == image);
-        let time_utc = time(taken, file.map_or(Path::new(&image), |item| &item.path));
         Some(Ok(Record {
-            time_utc,
+            time_utc: taken(&image),
             input: image,
             input_sha256: text(&result, "sha256"),
             verdict: text(&result, "verdict"),
@@ -267,13 +264,14 @@ pub fn keep_batch(
 fn record(
     command: &str,
     input: String,
+    time_utc: String,
     arguments: &[String],
     batch: Option<String>,
     result: Value,
 ) -> Record {
     let calib = option(arguments, "--calib");
     Record {
-        time_utc: clock::utc(clock::now()),
+        time_utc,
         command: command.into(),
         input_sha256: hash::of_file(&input).ok(),
         input,

@@ -72,7 +72,7 @@ pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     if let Some(next) = &r.next_measurement {
         body += &format!("<h2>Measure next</h2>\n<p>{}</p>\n", escape(&next.text));
         let mut places = next.places().into_iter();
-        if let (Some(head), false) = (places.next(), next.captures.is_empty()) {
+        if let Some(head) = places.next() {
             body += &table(&head.iter().map(String::as_str).collect::<Vec<_>>(), places);
         }
     }

@@ -141,8 +141,8 @@ impl NextMeasurement {
 
     /// The captures as rows of text under the names of their columns.
     fn rows(&self) -> Vec<Vec<String>> {
-        let names: Vec<&str> =
-            self.captures.first().map_or_else(Vec::new, |c| c.0.keys().copied().collect());
+        let Some(first) = self.captures.first() else { return Vec::new() };
+        let names: Vec<&str> = first.0.keys().copied().collect();
         let row = |c: &PlannedCapture| names.iter().map(|n| short(c.0[n])).collect();
         let head = names.iter().map(|n| (*n).to_owned()).collect();
         std::iter::once(head).chain(self.captures.iter().map(row)).collect()

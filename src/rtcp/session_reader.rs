@@ -294,9 +294,10 @@ impl Reader<'_> {
 
     /// The rod's diameter: as given, else as the camera measured it.
     fn diameter(&mut self, rod: &Rod, seen: Option<Measured>) -> Result<Measured> {
-        let given = rod.diameter_mm.is_some();
-        let given = given.then(|| self.given("rod.diameter", rod.diameter_mm, rod.diameter_u_mm));
-        let given = given.transpose()?;
+        let given = match rod.diameter_mm {
+            Some(_) => Some(self.given("rod.diameter", rod.diameter_mm, rod.diameter_u_mm)?),
+            None => None,
+        };
         if let (Some(given), Some(seen)) = (given, seen)
             && (seen.value - given.value).abs() > 3.0 * seen.u.hypot(given.u)
         {

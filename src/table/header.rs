@@ -79,8 +79,7 @@ impl Header<'_> {
                     "name it; one that begins with x_ is ignored",
                 ));
             }
-            let is_known = self.known().any(|k| matches(k, name));
-            if !is_known && !name.starts_with("x_") && !name.starts_with("x-") {
+            if !known(name) && !name.starts_with("x_") && !name.starts_with("x-") {
                 return Err(self.unknown(name));
             }
             if index.insert(name.clone(), i).is_some() {

@@ -4,13 +4,13 @@ use nalgebra::{DMatrix, Vector2};
 
 use super::axis::{self, Axis, Known};
 use super::follow::Followed;
-use super::joint::{self, Arc, Joint};
+use super::joint::{self, Arc, Joint, Refined};
 use super::light::Shift;
 use super::turned::turned_mm;
 use super::{Capture, Measured, Options, Report, RodCenter, agreement, budget};
 use crate::error::{Error, Result};
 use crate::fit::Circle;
-use crate::fit::correlated::Fit;
+use crate::fit::correlated::{Fit, groups};
 use crate::measure::points::Points;
 use crate::uncertainty::{self, k95};
 
@@ -51,7 +51,7 @@ pub(super) fn finish(
     if let Some(axis) = &axis {
         rod.take_radius(&axis.known);
     }
-    let form = agreement::seen_again(arcs, robust, c_deg, options.c_sense) * wander(fit, &rod);
+    let form = agreement::seen_again(arcs, robust, c_deg, options.c_sense) * wander(&refined, &rod);
     let lines_mm = turned_mm(arcs);
     let rim_mm = mean(arcs, |p| joint::RADIUS_PX.hypot(p.located.step.rim_sd_px) * p.pixel_mm)
         .hypot(lines_mm);
@@ -185,16 +185,15 @@ fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {
 }
 
 /// The part of the radius' variance that wander of the rim makes.
-fn wander(fit: &Fit, rod: &Known) -> f64 {
+fn wander(refined: &Refined, rod: &Known) -> f64 {
+    let fit = &refined.fit;
     let rows = rod.gain.row(rod.values.len() - 1) * &fit.influence;
     let of = |covariance: &[DMatrix<f64>]| {
-        let mut start = 0;
-        let of_group = |block: &DMatrix<f64>| {
-            let own = rows.columns(start, block.nrows());
-            start += block.nrows();
+        let of_group = |(range, block): (std::ops::Range<usize>, &DMatrix<f64>)| {
+            let own = rows.columns_range(range);
             (own * block * own.transpose())[(0, 0)]
         };
-        covariance.iter().map(of_group).sum::<f64>()
+        groups(&refined.groups).into_iter().zip(covariance).map(of_group).sum::<f64>()
     };
     let share = of(&fit.wander_covariance) / of(&fit.row_covariance);
     share.clamp(0.0, 1.0) * rod.radius_variance()

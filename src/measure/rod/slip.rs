@@ -3,6 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::joint::{Arc, Joint};
+use crate::fit::least_squares::transposed_times;
+use crate::measure::rows::group_rows;
 
 /// Captures that disagree by less, root mean square, are where machines put them.
 const LEAST_MM: f64 = 0.005;
@@ -39,25 +41,15 @@ pub(super) fn at_fault(arcs: &[Arc], joint: &Joint) -> Option<usize> {
 }
 
 fn of_arc(k: usize, arc: &Arc, joint: &Joint) -> Vec<Group> {
-    let circle = joint.put(arc);
-    let count = arc.points.place_mm.len();
-    let group = |g: usize| {
-        let (mut row, mut off, mut n) = (vec![0.0; 2 * joint.centers.len() + 1], 0.0, 0.0);
-        for i in g * count / GROUPS..(g + 1) * count / GROUPS {
-            if joint.weights[k][i] > 0.0 {
-                let place = arc.points.place_mm[i];
-                let out = (place - circle.center).normalize();
-                row[2 * arc.angle] += out.x;
-                row[2 * arc.angle + 1] += out.y;
-                off += circle.distance(place);
-                n += 1.0;
-            }
-        }
-        row.iter_mut().for_each(|v| *v /= n);
-        row[2 * joint.centers.len()] = 1.0;
-        (n > 0.0).then_some(Group { arc: k, row, off_mm: off / n })
+    let rows = group_rows(&arc.points, &joint.weights[k], joint.put(arc), GROUPS);
+    let group = |i: usize| {
+        let mut row = vec![0.0; 2 * joint.centers.len() + 1];
+        row[2 * arc.angle] = rows.design[(i, 0)];
+        row[2 * arc.angle + 1] = rows.design[(i, 1)];
+        row[2 * joint.centers.len()] = rows.design[(i, 2)];
+        Group { arc: k, row, off_mm: rows.y[i] }
     };
-    (0..GROUPS).filter_map(group).collect()
+    (0..rows.y.len()).map(group).collect()
 }
 
 /// Root mean square by which the arcs miss one circle, all but one of them. `None` where they determine none.
@@ -69,7 +61,7 @@ fn disagreement(groups: &[Group], without: Option<usize>) -> Option<f64> {
     }
     let design = DMatrix::from_fn(kept.len(), columns, |r, c| kept[r].row[c]);
     let off = DVector::from_fn(kept.len(), |r, _| kept[r].off_mm);
-    let solved = design.tr_mul(&design).cholesky()?.solve(&design.tr_mul(&off));
+    let solved = transposed_times(&design, &design).cholesky()?.solve(&design.tr_mul(&off));
     let left = off - design * solved;
     Some((left.norm_squared() / (kept.len() - columns) as f64).sqrt())
 }
