@@ -11,6 +11,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
+use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result, nearest};
 use crate::output::{escape, flatten, write_whole};
 use crate::table::Table;
@@ -70,8 +71,9 @@ pub struct Check {
     pub passed: bool,
 }
 
-/// Runs every case under `folder` (each folder with a `case.toml`, or `folder` itself) with `program`.
-pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
+/// Runs every case under `folder` (each folder with a `case.toml`, or `folder` itself) with `program`. A lone case that cannot be run is an
+/// error, one of several fails with its reason; `propose` gives a case without expected values some to hold ([`update`] writes them).
+pub fn run(folder: &Path, program: &Path, propose: bool) -> Result<Vec<Case>> {
     if std::env::var_os(WITHIN).is_some() {
         return Err(Error::file(folder, "a case cannot run cases", "correct its case.toml"));
     }
@@ -94,7 +96,22 @@ pub fn run(folder: &Path, program: &Path) -> Result<Vec<Case>> {
         ));
     }
     folders.sort();
-    folders.par_iter().map(|case| one(case, program)).collect()
+    let lone = folders.len() == 1;
+    let run = |case: &PathBuf| match one(case, program, propose) {
+        Err(e) if !lone => Ok(Case {
+            case: name(case),
+            folder: case.clone(),
+            passed: false,
+            problem: Some(e.to_string()),
+            checks: Vec::new(),
+        }),
+        other => other,
+    };
+    folders.par_iter().map(run).collect()
+}
+
+fn name(folder: &Path) -> String {
+    folder.file_name().unwrap_or_default().to_string_lossy().into_owned()
 }
 
 /// The files that say what is run and expected.
@@ -102,20 +119,30 @@ pub fn files(cases: &[Case]) -> impl Iterator<Item = PathBuf> {
     cases.iter().flat_map(|case| [CASE, EXPECTED].map(|name| case.folder.join(name)))
 }
 
-/// Takes what came as expected, where it no longer holds, and tells whether every case then passes: keys that the results do not
-/// have stay as they are.
-pub fn update(cases: &[Case]) -> Result<bool> {
-    let came = |c: &Check| !c.passed && !c.actual.is_empty();
-    for case in cases {
-        if case.checks.iter().any(came) {
-            rewrite(&case.folder.join(EXPECTED), &case.checks)?;
-        }
+/// Takes what came as expected, where it no longer holds, and tells which tables were written: keys that the results do not have stay as
+/// they are.
+pub fn update(cases: &[Case]) -> Result<Vec<PathBuf>> {
+    let mut written = Vec::new();
+    let wanted = |case: &&Case| case.problem.is_none() && case.checks.iter().any(came);
+    for case in cases.iter().filter(wanted) {
+        let path = case.folder.join(EXPECTED);
+        rewrite(&path, &case.checks)?;
+        written.push(path);
     }
-    let settled = |c: &Check| c.passed || came(c);
-    Ok(cases.iter().all(|case| case.problem.is_none() && case.checks.iter().all(settled)))
+    Ok(written)
 }
 
-fn one(folder: &Path, program: &Path) -> Result<Case> {
+/// Whether a case passes once what came is expected.
+pub fn settles(case: &Case) -> bool {
+    case.problem.is_none() && case.checks.iter().all(|c| c.passed || came(c))
+}
+
+/// Whether something else came than what is expected.
+fn came(check: &Check) -> bool {
+    !check.passed && !check.actual.is_empty()
+}
+
+fn one(folder: &Path, program: &Path, propose: bool) -> Result<Case> {
     let file = folder.join(CASE);
     let case: CaseFile = tomlfile::read(&file)?;
     let own = |arg: &&String| OWN.iter().any(|o| arg.split('=').next() == Some(o));
@@ -125,9 +152,11 @@ fn one(folder: &Path, program: &Path) -> Result<Case> {
     }
     // Where nothing is measured there is nothing to hold but the exit code.
     let path = folder.join(EXPECTED);
-    let refuses = case.exit_code == 2 && !path.exists();
-    let expected = if refuses { Vec::new() } else { expected(&path)? };
-    let name = folder.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let known = match path.exists() {
+        false if case.exit_code == 2 => Some(Vec::new()),
+        false if propose => None,
+        _ => Some(expected(&path)?),
+    };
     // Case files must mean the same on every machine: no defaults of the user's.
     let output = Command::new(program)
         .args(&case.args)
@@ -138,41 +167,67 @@ fn one(folder: &Path, program: &Path) -> Result<Case> {
         .output()
         .map_err(|e| Error::io(program, "start", e))?;
     let code = output.status.code().unwrap_or(-1);
-    let ended = |passed, problem, checks| {
-        Ok(Case { case: name, folder: folder.to_owned(), passed, problem, checks })
-    };
-    if code != case.exit_code {
-        let words = String::from_utf8_lossy(&output.stderr);
+    let words = String::from_utf8_lossy(&output.stderr);
+    let mut problem = (code != case.exit_code).then(|| {
         let text = format!("exit code {code} instead of {}: {}", case.exit_code, words.trim());
-        return ended(false, Some(text), Vec::new());
-    }
-    let result: Value = match serde_json::from_slice(&output.stdout) {
-        Ok(result) => result,
-        Err(_) if expected.is_empty() => Value::Null,
-        Err(_) if output.stdout.is_empty() => {
-            let text = "nothing was printed to compare (with --out a result goes to its file)";
-            return ended(false, Some(text.into()), Vec::new());
+        text.trim_end_matches(": ").to_owned()
+    });
+    let result: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|e| {
+        let silent = output.stdout.is_empty();
+        if problem.is_none() && !known.as_ref().is_some_and(Vec::is_empty) {
+            problem = Some(match silent {
+                true => {
+                    "nothing was printed to compare (with --out a result goes to its file)".into()
+                }
+                false => format!("the result is not JSON ({e})"),
+            });
         }
-        Err(e) => {
-            let text = format!("the result is not JSON ({e})");
-            return ended(false, Some(text), Vec::new());
-        }
-    };
+        Value::Null
+    });
     let cells = flatten(&result);
-    let checks: Vec<Check> = expected
+    let held = match known {
+        // A run that printed nothing has nothing to hold them against.
+        Some(_) if result.is_null() => Vec::new(),
+        Some(known) => known,
+        None => proposed(&result, &cells),
+    };
+    let checks: Vec<Check> = held
         .into_iter()
         .map(|(key, value, tolerance)| check(&cells, key, value, tolerance))
         .collect();
-    ended(checks.iter().all(|c| c.passed), None, checks)
+    let passed = problem.is_none() && checks.iter().all(|c| c.passed);
+    Ok(Case { case: name(folder), folder: folder.to_owned(), passed, problem, checks })
 }
 
-fn expected(path: &Path) -> Result<Vec<(String, String, Option<f64>)>> {
+/// A key of a result, the value it is to have, and by how much it may differ.
+type Held = (String, String, Option<f64>);
+
+/// What is worth holding in a result: what it is, its verdict, and the numbers whose uncertainty stands beside them, to a tenth of it.
+fn proposed(result: &Value, cells: &[(String, &Value)]) -> Vec<Held> {
+    /// Of the interval, and the least tolerance.
+    const PART: f64 = 0.1;
+    const LEAST: f64 = 1e-6;
+    let hold = |(key, value): &(String, &Value)| -> Option<Held> {
+        let tolerance = match value {
+            Value::String(_) if key == "schema" || key == "verdict" => None,
+            Value::Number(_) => {
+                let u95 = number(result.as_object()?, &u95_key(key)?)?;
+                Some(format!("{:.1e}", (PART * u95).max(LEAST)).parse().ok()?)
+            }
+            _ => return None,
+        };
+        Some((key.clone(), String::new(), tolerance))
+    };
+    cells.iter().filter_map(hold).collect()
+}
+
+fn expected(path: &Path) -> Result<Vec<Held>> {
     if !path.exists() {
         return Err(Error::file(
             path,
             "the table of expected values is missing",
-            "write it: the header key,value,tolerance, then a line for each key of the result to hold, such as r_mm,0,0.001; \
-             --update fills the values in",
+            "run with --update to have one written, or write it: the header key,value,tolerance, then a line for each key of the result \
+             to hold, such as r_mm,0,0.001",
         ));
     }
     let table = Table::read(path, &["key", "value", "tolerance"], &[])?;

@@ -194,7 +194,21 @@ fn regression_tells_drift_and_takes_new_values_only_when_asked() {
     refused(dir, &["regress", "plots"], "plots: cannot read");
     std::fs::rename(&expected, dir.join("e.csv")).unwrap();
     refused(dir, &["regress", "cases"], "the table of expected values is missing");
-    std::fs::rename(dir.join("e.csv"), &expected).unwrap();
+    // From nothing: what has an uncertainty is held to a tenth of it, beside a case that cannot be run.
+    ok(dir, &["regress", "cases", "--update"]);
+    let made = std::fs::read_to_string(&expected).unwrap();
+    assert!(
+        made.contains("schema,pivotsight.solve/1,\n") && made.contains("\nr_mm,214."),
+        "{made}"
+    );
+    assert!(!made.contains("u95"), "{made}");
+    ok(dir, &["regress", "cases"]);
+    let broken = dir.join("cases/broken");
+    std::fs::create_dir(&broken).unwrap();
+    std::fs::write(broken.join("case.toml"), "arg = []\n").unwrap();
+    let beside = String::from_utf8(run(dir, &["regress", "cases"]).stdout).unwrap();
+    assert!(beside.contains("FAIL broken") && beside.contains("ok   one"), "{beside}");
+    std::fs::remove_dir_all(&broken).unwrap();
     std::fs::write(&expected, "key,value,tolerance\nr_mm,much,1e-6\n").unwrap();
     refused(dir, &["regress", "cases"], "expected.csv:2: column 'value'");
     std::fs::write(&expected, "key,value,tolerance\nr_mm,214.7,-1e-6\n").unwrap();

@@ -17,7 +17,7 @@ pub struct Args {
     /// Write the outcome as JUnit XML
     #[arg(long, value_name = "FILE")]
     junit: Option<OutFile>,
-    /// Show what drifted and take the new values as expected
+    /// Show what drifted and take the new values as expected; a case without expected values gets them
     #[arg(long)]
     update: bool,
 }
@@ -29,24 +29,28 @@ pub struct Output {
     passed: bool,
     /// Case by case.
     cases: Vec<Case>,
+    /// The tables of expected values that were written.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    updated: Vec<PathBuf>,
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let program = std::env::current_exe().map_err(|e| Error::io("pivotsight", "find", e))?;
-    let cases = regress::run(&args.folder, &program)?;
+    let cases = regress::run(&args.folder, &program, args.update)?;
     global.reads(&args.folder, regress::files(&cases))?;
     let passed = cases.iter().all(|c| c.passed);
-    let mut good = passed;
+    let (mut good, mut updated) = (passed, Vec::new());
     if args.update {
         // The difference is shown before anything is overwritten.
         global.say(text(&cases).trim_end());
-        good = regress::update(&cases)?;
+        updated = regress::update(&cases)?;
+        good = cases.iter().all(regress::settles);
     }
     if let Some(path) = &args.junit {
         global.write(path, regress::junit(&cases).as_bytes())?;
     }
-    let output = Output { passed, cases };
+    let output = Output { passed, cases, updated };
     let json = result("regress", &args.folder, &[], &output);
     let cases = &output.cases;
     let rows = cases.iter().flat_map(|case| {
@@ -63,7 +67,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         checks.chain(bare)
     });
     let status = if good { Status::Good } else { Status::OutOfTolerance };
-    let document = Document { rows: rows.collect(), json, table: text(cases) };
+    let wrote = output.updated.iter().map(|path| format!("wrote {}\n", path.display()));
+    let table = text(cases) + &wrote.collect::<String>();
+    let document = Document { rows: rows.collect(), json, table };
     Ok(Outcome { document: Some(document), status })
 }
 
@@ -80,6 +86,7 @@ fn text(cases: &[Case]) -> String {
                 _ => String::new(),
             };
             let (key, expected, got) = (&c.key, &c.expected, c.got());
+            let expected = if expected.is_empty() { "nothing yet" } else { expected };
             let _ = writeln!(text, "     {key}: expected {expected}, got {got}{drift}");
         }
     }
