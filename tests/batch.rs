@@ -219,6 +219,48 @@ fn a_watched_folder_is_measured_while_a_camera_fills_it() {
     assert!(row("z.png"));
 }
 
+/// A file that failed half written is measured again once it has grown, where its format does not say that its end is missing.
+#[test]
+fn a_watched_file_that_failed_and_then_grows_is_measured_again() {
+    let dir = workshop(0);
+    let dir = dir.path();
+    let (png, pgm) = (dir.join("whole.png"), dir.join("in/slow.pgm"));
+    picture(&png, 30.5);
+    image::open(&png).unwrap().save(dir.join("whole.pgm")).unwrap();
+    let bytes = std::fs::read(dir.join("whole.pgm")).unwrap();
+    let mut child =
+        batch(dir, "out", &["--watch", "--settle-s", "0.1", "--idle-s", "3"]).spawn().unwrap();
+    std::fs::write(&pgm, &bytes[..bytes.len() / 2]).unwrap();
+    let rows = || std::fs::read_to_string(dir.join("out/results.jsonl")).unwrap_or_default();
+    while !rows().contains("failed") {
+        assert!(child.try_wait().unwrap().is_none(), "it stopped before anything was measured");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    std::fs::write(&pgm, &bytes).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+    assert!(rows().lines().count() == 1 && rows().contains("\"measured\""), "{}", rows());
+}
+
+/// A watch is ended by Ctrl-C or by whoever ends services, and leaves its tables and summary.
+#[cfg(unix)]
+#[test]
+fn a_watch_that_is_told_to_end_leaves_everything_in_order() {
+    for signal in ["-INT", "-TERM"] {
+        let dir = workshop(9);
+        let dir = dir.path();
+        let mut child = batch(dir, "out", &["--watch", "--settle-s", "0.1"]).spawn().unwrap();
+        while !dir.join("out/summary.json").exists() {
+            assert!(child.try_wait().unwrap().is_none(), "it stopped before anything was measured");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+        let end = Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+        assert!(end.success());
+        assert_eq!(child.wait().unwrap().code(), Some(0));
+        assert_eq!(batch(dir, "whole", &[]).status().unwrap().code(), Some(0));
+        assert_eq!(files(dir, "out"), files(dir, "whole"));
+    }
+}
+
 #[test]
 fn overlays_are_drawn_on_request_and_are_there_whenever_their_row_is() {
     let dir = workshop(4);
@@ -354,4 +396,53 @@ fn results_never_replace_what_is_measured() {
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("results.jsonl that is no batch's"), "{said}");
     assert_eq!(std::fs::read(dir.join("notes/results.jsonl")).unwrap(), b"mine");
+}
+
+/// Burns whose heights a manifest tells are data for `diagnose burn`, whatever their pictures are called.
+#[test]
+fn burns_at_known_heights_are_data_for_diagnose() {
+    let dir = tempfile::tempdir().unwrap();
+    let shots = Path::new(env!("CARGO_MANIFEST_DIR")).join("images/burn-typical");
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    for (from, to) in [("burn-0001.png", "low, first.png"), ("burn-0002.png", "high.png")] {
+        std::fs::copy(shots.join(from), dir.path().join(to)).unwrap();
+    }
+    std::fs::copy(shots.join("calib.toml"), dir.path().join("calib.toml")).unwrap();
+    write("job.toml", "schema = 1\ncalib = \"calib.toml\"\n[measure.burn]\n");
+    write(
+        "circles.toml",
+        "schema = 1\ncalib = \"calib.toml\"\n[measure.circles]\nexpect_mm = [5.0]\n",
+    );
+    let run = |words: &str| {
+        let output = pivotsight().current_dir(dir.path()).args(words.split(' ')).output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    };
+    let told = "image,height_mm,power_w,b_deg,temp_c\n\"low, first.png\",20,500,0,21.5\nhigh.png,47,500,-30,21.5\n";
+    write("told.csv", told);
+    assert_eq!(run("batch told.csv --job job.toml --out out").0, Some(1));
+    let rows: Vec<serde_json::Value> =
+        std::fs::read_to_string(dir.path().join("out/results.jsonl"))
+            .unwrap()
+            .lines()
+            .map(|line| serde_json::from_str(line).unwrap())
+            .collect();
+    let [low, high] = [0, 1].map(|i| &rows[i]["offset_mm"]);
+    let burns = format!(
+        "height_mm,power_w,b_deg,temp_c,dx_mm,dy_mm,x_image\n20.0,500.0,0.0,21.5,{},{},\"low, first.png\"\n47.0,500.0,-30.0,21.5,{},{},high.png\n",
+        low[0], low[1], high[0], high[1]
+    );
+    assert_eq!(std::fs::read_to_string(dir.path().join("out/burns.csv")).unwrap(), burns);
+    let (code, said) = run("diagnose burn --plan-only --data out/burns.csv --noise-mm 0.002");
+    assert_eq!(code, Some(0), "{said}");
+    // Half of what is needed, and burns' columns for what is no burn.
+    write("half.csv", "image,height_mm,power_w\nhigh.png,47,500\n");
+    let (code, said) = run("batch half.csv --job job.toml --out half");
+    assert!(
+        code == Some(2)
+            && said.contains("half.csv: column 'b_deg': is missing")
+            && said.contains("height_mm, power_w and b_deg"),
+        "{said}"
+    );
+    let (code, said) = run("batch told.csv --job circles.toml --out circles");
+    assert!(code == Some(2) && said.contains("height_mm"), "{said}");
 }

@@ -224,6 +224,15 @@ fn every_output_keeps_its_schema() {
         &["/detectable/0/name"],
     );
 
+    // Pages.
+    prepare(
+        dir,
+        &format!(
+            "verify --machine {machine} --data measured.csv --format json --out verified.json"
+        ),
+    );
+    check("report verified.json", &["/page"]);
+
     // Other methods.
     check(
         "rotary {root}/docs/examples/k197-1.csv --pivot-mm 573",

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use serde_json::Value;
 
-use super::{Item, Options, run};
+use super::{Item, Options, burns, run};
 use crate::error::{Error, Result};
 use crate::output::{identity, write_whole};
 
@@ -28,8 +28,8 @@ pub(super) fn keep_apart(out: &Path, items: &[Item]) -> Result<()> {
 }
 
 /// What a batch writes into its folder.
-const FILES: [&str; 5] =
-    ["batch.json", "results.jsonl", "results.csv", "results.parquet", "summary.json"];
+const FILES: [&str; 6] =
+    ["batch.json", "results.jsonl", "results.csv", "results.parquet", "summary.json", burns::FILE];
 
 /// Refuses a folder in which there are files of these names that no batch has made.
 pub(super) fn is_ours_to_fill(out: &Path) -> Result<()> {
@@ -66,7 +66,7 @@ pub(super) fn claim(options: &Options, identity: &Value) -> Result<()> {
     let same = |key: &str| old.get(key) == identity.get(key);
     for (key, what) in [
         ("version", "the program's version"),
-        ("input", "the input"),
+        ("input_path", "the input"),
         ("calib_sha256", "the calibration"),
         ("job", "the job"),
     ] {

@@ -4,8 +4,10 @@ use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use super::burns::{self, Burnt};
 use crate::error::{Error, Result};
 use crate::frame::named;
+use crate::output::identity;
 use crate::table::Table;
 
 /// What a folder is searched for where the job measures tables of captures.
@@ -14,6 +16,8 @@ const TABLES: [&str; 1] = ["csv"];
 /// What a job measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
+    /// One picture of a burn test, one result.
+    Burns,
     /// One picture, one result.
     Pictures,
     /// One table of captures, one result.
@@ -29,6 +33,14 @@ pub struct Item {
     pub path: PathBuf,
     /// A calibration of its own, where the manifest gives one.
     pub calib: Option<PathBuf>,
+    /// How a burn was made, where the manifest tells.
+    pub(super) burnt: Burnt,
+}
+
+impl Item {
+    fn new(name: String, path: PathBuf) -> Self {
+        Self { name, path, calib: None, burnt: Burnt::new() }
+    }
 }
 
 /// Lists what `input` stands for: folders and patterns sorted by name, manifests in their own order.
@@ -36,11 +48,11 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
     let path = Path::new(input);
     let items = if path.is_dir() {
         folder(path, kind)?
-    } else if path.is_file() && kind == Kind::Pictures && named::ends_in(path, &TABLES) {
-        manifest(path)?
+    } else if path.is_file() && kind != Kind::Tables && named::ends_in(path, &TABLES) {
+        manifest(path, kind)?
     } else if path.is_file() {
-        vec![Item { name: input.to_owned(), path: path.to_owned(), calib: None }]
-    } else if input.contains(['*', '?', '[']) {
+        vec![Item::new(input.to_owned(), path.to_owned())]
+    } else if input.contains(PATTERN) {
         pattern(input, kind)?
     } else {
         return Err(Error::file(
@@ -59,20 +71,37 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
     Ok(items)
 }
 
+/// Where an input is, however it is written and wherever it is seen from.
+pub(super) fn place(input: &str) -> PathBuf {
+    let whole = std::path::absolute(input).unwrap_or_else(|_| input.into());
+    identity(&whole.components().collect::<PathBuf>())
+}
+
+/// Whether pictures may come yet where there are none: a pattern's, or a folder's that is there.
+pub(super) fn may_fill(input: &str) -> bool {
+    Path::new(input).is_dir() || input.contains(PATTERN)
+}
+
+/// What makes a pattern of a name.
+const PATTERN: [char; 3] = ['*', '?', '['];
+
 /// Whether a folder's file is one to measure.
 pub fn belongs(path: &Path, kind: Kind) -> bool {
     named::is_one_of(path, endings(kind))
 }
 
 fn endings(kind: Kind) -> &'static [&'static str] {
-    if kind == Kind::Pictures { &named::PICTURES } else { &TABLES }
+    if kind == Kind::Tables { &TABLES } else { &named::PICTURES }
 }
 
-/// A name as results tell it, in JSON: two names that are no text would read alike.
-fn text(path: &Path, name: &OsStr) -> Result<String> {
-    name.to_str().map(str::to_owned).ok_or_else(|| {
-        Error::file(path, "has a name that is not UTF-8", "give the file another name")
-    })
+/// A name as results tell it, in JSON. Of one that is no text the odd bytes are told by number: two such names must not read alike.
+fn text(name: &OsStr) -> String {
+    let mut told = String::new();
+    for chunk in name.as_encoded_bytes().utf8_chunks() {
+        told.push_str(chunk.valid());
+        chunk.invalid().iter().for_each(|byte| told.push_str(&format!("\\x{byte:02X}")));
+    }
+    told
 }
 
 fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
@@ -80,8 +109,8 @@ fn folder(path: &Path, kind: Kind) -> Result<Vec<Item>> {
     for entry in std::fs::read_dir(path).map_err(|e| Error::io(path, "read", e))? {
         let entry = entry.map_err(|e| Error::io(path, "read", e))?.path();
         if belongs(&entry, kind) {
-            let name = text(&entry, entry.file_name().unwrap_or_default())?;
-            items.push(Item { name, path: entry, calib: None });
+            let name = text(entry.file_name().unwrap_or_default());
+            items.push(Item::new(name, entry));
         }
     }
     items.sort_by(|a, b| a.name.cmp(&b.name));
@@ -108,11 +137,12 @@ pub fn passed_over(input: &str, out: &Path, kind: Kind) -> Option<String> {
         p.as_path() != out && p.is_dir() && within(p).iter().any(|inner| belongs(inner, kind))
     };
     let folders = all.iter().filter(is_filled).count();
-    let others = all.iter().filter(|p| kind == Kind::Pictures && named::is_one_of(p, &OTHERS));
-    let files = counted(others.count(), "a picture of a kind", "pictures of kinds");
+    let others = all.iter().filter(|p| kind != Kind::Tables && named::is_one_of(p, &OTHERS));
+    let files =
+        counted(others.count(), "a picture of a kind that is", "pictures of kinds that are");
     let said: Vec<String> = counted(folders, "a folder with more inside it", "folders inside it")
         .into_iter()
-        .chain(files.map(|files| format!("{files} that is not read (convert to PNG)")))
+        .chain(files.map(|files| format!("{files} not read (convert to PNG)")))
         .collect();
     (!said.is_empty()).then(|| format!("{input}: not measured: {}", said.join(", and ")))
 }
@@ -132,16 +162,17 @@ fn pattern(pattern: &str, kind: Kind) -> Result<Vec<Item>> {
             Error::io(place, "read", e.into())
         })?;
         if path.is_file() && belongs(&path, kind) {
-            items.push(Item { name: text(&path, path.as_os_str())?, path, calib: None });
+            items.push(Item::new(text(path.as_os_str()), path));
         }
     }
     items.sort_by(|a, b| a.name.cmp(&b.name));
     Ok(items)
 }
 
-/// Columns `image` and optionally `calib`; paths are relative to the manifest's folder.
-fn manifest(path: &Path) -> Result<Vec<Item>> {
-    let table = Table::read(path, &["image"], &["calib"])?;
+/// Columns `image` and optionally `calib`, and of burns how they were made; paths are relative to the manifest's folder.
+fn manifest(path: &Path, kind: Kind) -> Result<Vec<Item>> {
+    let made = burns::columns().filter(|_| kind == Kind::Burns);
+    let table = Table::read(path, &["image"], &made.chain(["calib"]).collect::<Vec<_>>())?;
     let base = path.parent().unwrap_or(Path::new(""));
     let mut seen = HashSet::new();
     (0..table.rows())
@@ -160,7 +191,7 @@ fn manifest(path: &Path) -> Result<Vec<Item>> {
             }
             let calib =
                 Some(table.text(row, "calib")).filter(|c| !c.is_empty()).map(|c| base.join(c));
-            Ok(Item { path: base.join(&name), name, calib })
+            Ok(Item { path: base.join(&name), name, calib, burnt: burns::made(&table, row)? })
         })
         .collect()
 }
@@ -194,8 +225,8 @@ mod tests {
         {
             let odd = std::os::unix::ffi::OsStrExt::from_bytes(b"lat\xe4.png");
             std::fs::write(dir.path().join::<&OsStr>(odd), "x").unwrap();
-            let message = list(dir.path().to_str().unwrap(), Kind::Pictures).unwrap_err();
-            assert!(message.to_string().contains("not UTF-8"), "{message}");
+            let listed = list(dir.path().to_str().unwrap(), Kind::Pictures).unwrap();
+            assert!(listed.iter().any(|item| item.name == "lat\\xE4.png"), "{listed:?}");
         }
     }
 }

@@ -101,7 +101,8 @@ impl Job {
     /// What the job is fed with.
     pub fn kind(&self) -> Kind {
         match self.measure {
-            Method::Burn(_) | Method::Circles(_) => Kind::Pictures,
+            Method::Burn(_) => Kind::Burns,
+            Method::Circles(_) => Kind::Pictures,
             Method::Rod(_) => Kind::Tables,
         }
     }

@@ -140,8 +140,8 @@ impl Journal {
     }
 
     /// Forgets what the named items said, so that they are measured again.
-    pub fn forget(&mut self, gone: impl Fn(&Entry) -> bool) {
-        self.entries.retain(|_, entry| !gone(entry));
+    pub fn forget(&mut self, gone: impl Fn(&str, &Entry) -> bool) {
+        self.entries.retain(|name, entry| !gone(name, entry));
     }
 
     /// The line of an entry, with its newline.

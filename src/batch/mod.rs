@@ -2,8 +2,10 @@
 //! number of threads.
 //!
 //! A batch's folder holds `batch.json` (what was asked), `results.jsonl` (a line a picture, written as results
-//! come, sorted at the end), `results.csv`, `results.parquet`, `summary.json`, and `overlays` where the job asks for them.
+//! come, sorted at the end), `results.csv`, `results.parquet`, `summary.json`, `overlays` where the job asks for them, and `burns.csv`
+//! where a manifest tells how burns were made.
 
+mod burns;
 mod folder;
 pub mod input;
 pub mod job;
@@ -11,27 +13,26 @@ pub mod journal;
 mod keys;
 pub mod limits;
 mod run;
+mod summary;
 mod tables;
 mod watch;
 
-use std::collections::HashSet;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 pub use input::Item;
 pub use job::Job;
-pub use run::{Measured, Progress, Statistics};
+pub use run::{Measured, Progress};
+pub use summary::Summary;
 
 use crate::error::{Error, Result};
 use crate::output::{create_folder, write_streamed};
-use crate::uncertainty::Verdict;
 use folder::{claim, is_ours_to_fill, keep_apart};
-use journal::{Entry, Journal, unwritten};
-use watch::State;
+use journal::{Journal, unwritten};
 
 /// What to run and how.
 #[derive(Debug, Clone)]
@@ -59,62 +60,39 @@ pub struct Watch {
     pub idle: Option<Duration>,
 }
 
-/// How a batch went.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct Summary {
-    /// Pictures with a row.
-    pub pictures: usize,
-    /// Of these, measured now; the others were there already.
-    pub new: usize,
-    /// Measured.
-    pub measured: usize,
-    /// Not measured; the rows say why.
-    pub failed: usize,
-    /// Byte for byte another picture of the batch; each has its row.
-    pub copies: usize,
-    /// Measured before, and not among the pictures now; their rows stay.
-    pub gone: usize,
-    /// Verdicts `pass`.
-    pub pass: usize,
-    /// Verdicts `fail`.
-    pub fail: usize,
-    /// Verdicts `undecided`.
-    pub undecided: usize,
-    /// Every measured length and angle.
-    pub statistics: Vec<Column>,
-    /// The files made.
-    pub files: Vec<PathBuf>,
+/// What a batch tells and is told while it runs.
+#[derive(Clone, Copy)]
+pub struct Meanwhile<'m> {
+    /// Called after every picture.
+    pub progress: &'m (dyn Fn(Progress) + Sync),
+    /// Called with what a user should know.
+    pub say: &'m dyn Fn(String),
+    /// Called with all rows when the tables are up to date: at the end, and after each burst of pictures in a watched folder.
+    pub summary: &'m dyn Fn(&Summary, &mut dyn Iterator<Item = Result<Value>>) -> Result<()>,
+    /// Set by whoever wants an early end: what is being measured is finished, the rest is left.
+    pub stop: &'m AtomicBool,
 }
 
-/// The statistics of one column.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
-pub struct Column {
-    /// The column's name.
-    pub column: String,
-    /// Over its rows.
-    #[serde(flatten)]
-    pub statistics: Statistics,
+impl Meanwhile<'_> {
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
 }
 
-/// Measures everything `options.input` stands for. `progress` is called after every picture, `say` with what a user should
-/// know meanwhile.
-pub fn run(
-    job: &Job,
-    options: &Options,
-    progress: &(dyn Fn(Progress) + Sync),
-    say: &dyn Fn(String),
-) -> Result<Summary> {
+/// Measures everything `options.input` stands for.
+pub fn run(job: &Job, options: &Options, meanwhile: Meanwhile) -> Result<Summary> {
     let prepared = job.prepare()?;
     let identity = json!({
         "schema": "pivotsight.batch-job/1",
         "version": env!("CARGO_PKG_VERSION"),
         "input": options.input,
+        "input_path": input::place(&options.input).display().to_string(),
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
     });
     let measure = |item: &Item| prepared.measure(item);
-    let summary = run_with(options, job.kind(), &identity, &measure, progress, say)?;
-    prepared.doubts().into_iter().for_each(|doubt| say(format!("warning: {doubt}")));
+    let summary = run_with(options, job.kind(), &identity, &measure, meanwhile)?;
+    prepared.doubts().into_iter().for_each(|doubt| (meanwhile.say)(format!("warning: {doubt}")));
     Ok(summary)
 }
 
@@ -123,12 +101,11 @@ fn run_with(
     kind: input::Kind,
     identity: &Value,
     measure: &(dyn Fn(&Item) -> Measured + Sync),
-    progress: &(dyn Fn(Progress) + Sync),
-    say: &dyn Fn(String),
+    meanwhile: Meanwhile,
 ) -> Result<Summary> {
     let out = &options.out;
     let listed = input::list(&options.input, kind);
-    if options.watch.is_none() {
+    if options.watch.is_none() || !input::may_fill(&options.input) {
         // What holds nothing to measure is refused before anything is made.
         keep_apart(out, listed.as_deref().map_or(&[], |items| items))?;
         listed?;
@@ -144,51 +121,28 @@ fn run_with(
         create_folder(&overlays)?;
     }
     if options.retry_failed {
-        journal.forget(|entry| entry.failed);
+        journal.forget(|_, entry| entry.failed);
     }
     let before = journal.entries().len();
     let journal = Mutex::new(journal);
-    let threads = options.threads;
-    let mut items;
-    if let Some(watch) = options.watch {
-        let (mut settling, mut last) = (watch::Settling::new(watch.settle), Instant::now());
-        loop {
-            items = match input::list(&options.input, kind) {
-                Err(Error::File { .. }) => Vec::new(), // nothing there yet
-                other => other?,
-            };
-            let idle = watch.idle.is_some_and(|idle| last.elapsed() >= idle);
-            let (mut ready, mut growing) = (Vec::new(), false);
-            for item in pending(&items, &journal) {
-                match settling.state(&item.path) {
-                    State::Complete => ready.push(item),
-                    State::Growing => growing = true,
-                    // Nothing more comes: it is a failure with its reason, not forgotten.
-                    State::CutShort { .. } if idle => ready.push(item),
-                    State::CutShort { news: false } => {}
-                    State::CutShort { news: true } => say(format!(
-                        "{}: its end is missing; waiting for it, {:.0} s at most",
-                        item.path.display(),
-                        settling.patience().as_secs_f64().ceil()
-                    )),
-                }
-            }
-            if !ready.is_empty() {
-                run::run(&ready, &overlays, &journal, threads, measure, progress)?;
-                finish(options, &items, &journal, before)?;
-                last = Instant::now();
-            } else if idle && !growing {
-                break;
-            }
-            std::thread::sleep(watch.settle.min(Duration::from_millis(200)));
+    let measure_all =
+        |items: &[&Item]| run::run(items, &overlays, &journal, options.threads, measure, meanwhile);
+    let finish = |items: &[Item]| summary::written(options, items, &journal, before, meanwhile);
+    let items = match options.watch {
+        Some(watch) => {
+            watch::folder(&options.input, kind, watch, meanwhile, &journal, |ready, items| {
+                measure_all(ready).and_then(|()| finish(items)).map(drop)
+            })?
         }
-    } else {
-        items = input::list(&options.input, kind)?;
-        run::run(&pending(&items, &journal), &overlays, &journal, threads, measure, progress)?;
-    }
-    let summary = finish(options, &items, &journal, before)?;
+        None => {
+            let items = input::list(&options.input, kind)?;
+            measure_all(&pending(&items, &journal))?;
+            items
+        }
+    };
+    let summary = finish(&items)?;
     let mut journal = journal.into_inner().unwrap_or_else(PoisonError::into_inner);
-    let lines = sorted(options, &items, &journal);
+    let lines = summary::sorted(options, &items, &journal);
     let results = out.join("results.jsonl");
     write_streamed(&results, |file| {
         use std::io::Write;
@@ -209,8 +163,13 @@ pub fn rows(folder: &Path) -> Result<impl Iterator<Item = Result<Value>>> {
     let file = std::fs::File::open(&path).map_err(|e| Error::io(&path, "read", e))?;
     Ok(std::io::BufReader::new(file).lines().map(move |line| {
         let line = line.map_err(|e| Error::io(&path, "read", e))?;
-        serde_json::from_str(&line)
-            .map_err(|e| Error::file(&path, format!("is damaged ({e})"), "start the batch again"))
+        serde_json::from_str(&line).map_err(|e| {
+            Error::file(
+                &path,
+                format!("is damaged ({e})"),
+                "go on with the batch: --resume mends it",
+            )
+        })
     }))
 }
 
@@ -221,75 +180,6 @@ fn lock(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {
 fn pending<'i>(items: &'i [Item], journal: &Mutex<Journal>) -> Vec<&'i Item> {
     let journal = lock(journal);
     items.iter().filter(|item| !journal.entries().contains_key(&item.name)).collect()
-}
-
-/// The journal's entries in the order of the results: the manifest's, else by name.
-fn sorted(options: &Options, items: &[Item], journal: &Journal) -> Vec<(String, Entry)> {
-    let listed: HashSet<&str> = items.iter().map(|i| i.name.as_str()).collect();
-    let mut gone: Vec<&str> =
-        journal.entries().keys().map(String::as_str).filter(|n| !listed.contains(n)).collect();
-    gone.sort_unstable();
-    let mut names: Vec<&str> = items.iter().map(|i| i.name.as_str()).chain(gone).collect();
-    if options.watch.is_some() {
-        names.sort_unstable();
-    }
-    names
-        .into_iter()
-        .filter_map(|n| journal.entries().get(n).map(|entry| (n.to_owned(), *entry)))
-        .collect()
-}
-
-/// Writes the tables and the summary of what the journal holds now.
-fn finish(
-    options: &Options,
-    items: &[Item],
-    journal: &Mutex<Journal>,
-    before: usize,
-) -> Result<Summary> {
-    let mut journal = lock(journal);
-    let lines = sorted(options, items, &journal);
-    let mut row = |entry: Entry| -> Result<Value> {
-        serde_json::from_str(&journal.line(entry)?).map_err(|e| {
-            Error::file(
-                options.out.join("results.jsonl"),
-                format!("is damaged ({e})"),
-                "start again",
-            )
-        })
-    };
-    let (mut columns, mut gather) = (tables::Columns::default(), run::Gather::default());
-    let (mut contents, mut copies) = (HashSet::new(), 0);
-    for (_, entry) in &lines {
-        let value = row(*entry)?;
-        if let Some(sha256) = value["sha256"].as_str() {
-            copies += usize::from(!contents.insert(sha256.to_owned()));
-        }
-        columns.add(&value);
-        gather.add(&value);
-    }
-    let path = |name: &str| options.out.join(name);
-    columns.write_csv(&path("results.csv"), lines.iter().map(|l| row(l.1)))?;
-    columns.write_parquet(&path("results.parquet"), lines.iter().map(|l| row(l.1)))?;
-    let count = |f: &dyn Fn(&Entry) -> bool| lines.iter().filter(|l| f(&l.1)).count();
-    let verdict = |v| count(&|e| e.verdict == Some(v));
-    let failed = count(&|e| e.failed);
-    let statistics =
-        gather.finish().into_iter().map(|(column, statistics)| Column { column, statistics });
-    let summary = Summary {
-        pictures: lines.len(),
-        new: lines.len().saturating_sub(before),
-        measured: lines.len() - failed,
-        failed,
-        copies,
-        gone: lines.len()
-            - items.iter().filter(|i| journal.entries().contains_key(&i.name)).count(),
-        pass: verdict(Verdict::Pass),
-        fail: verdict(Verdict::Fail),
-        undecided: verdict(Verdict::Undecided),
-        statistics: statistics.collect(),
-        files: ["results.jsonl", "results.csv", "results.parquet"].map(path).to_vec(),
-    };
-    Ok(summary)
 }
 
 #[cfg(test)]
@@ -318,6 +208,18 @@ mod tests {
         resume: bool,
         watch: Option<Watch>,
     ) -> Result<Summary> {
+        go_until(usize::MAX, input, out, threads, resume, watch)
+    }
+
+    /// The same, told to end once so many are done.
+    fn go_until(
+        most: usize,
+        input: &Path,
+        out: &Path,
+        threads: usize,
+        resume: bool,
+        watch: Option<Watch>,
+    ) -> Result<Summary> {
         let options = Options {
             input: input.display().to_string(),
             out: out.to_owned(),
@@ -326,7 +228,14 @@ mod tests {
             retry_failed: false,
             watch,
         };
-        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, &|_| {}, &|_| {})
+        let stop = AtomicBool::new(false);
+        let meanwhile = Meanwhile {
+            progress: &|p| stop.store(p.done >= most, Ordering::Relaxed),
+            say: &|_| {},
+            summary: &|_, _| Ok(()),
+            stop: &stop,
+        };
+        run_with(&options, input::Kind::Pictures, &json!({"input": "x"}), &fake, meanwhile)
     }
 
     fn pictures(folder: &Path, n: usize) {
@@ -360,6 +269,12 @@ mod tests {
             assert_eq!((summary.pictures, summary.new), (60, 60 - kept));
             assert!(read(&four) == whole, "cut at {cut}");
         }
+        let ended = dir.path().join("ended");
+        let summary = go_until(20, &input, &ended, 2, false, None).unwrap();
+        let done = summary.pictures;
+        assert!((20..24).contains(&done) && summary.left == 60 - done, "{summary:?}");
+        assert_eq!(go(&input, &ended, 2, true, None).unwrap().left, 0);
+        assert!(read(&ended) == whole);
         assert!(go(&input, &four, 1, false, None).unwrap_err().to_string().contains("--resume"));
     }
 

@@ -8,6 +8,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use rayon::prelude::*;
 use serde_json::{Map, Value};
 
+use super::Meanwhile;
 use super::input::Item;
 use super::journal::{Journal, Status};
 use crate::error::{Error, Result};
@@ -50,14 +51,18 @@ pub fn run(
     journal: &Mutex<Journal>,
     threads: usize,
     measure: &(dyn Fn(&Item) -> Measured + Sync),
-    progress: &(dyn Fn(Progress) + Sync),
+    meanwhile: Meanwhile,
 ) -> Result<()> {
+    let Meanwhile { progress, stop, .. } = meanwhile;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|e| {
         Error::option("--threads", format!("cannot start {threads} threads ({e})"), "ask for fewer")
     })?;
     let (done, failures) = (AtomicUsize::new(0), AtomicUsize::new(0));
     pool.install(|| {
         items.par_iter().with_max_len(1).try_for_each(|item| {
+            if stop.load(Ordering::Relaxed) {
+                return Ok(());
+            }
             let measured = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| measure(item)))
                 .unwrap_or_else(|_| Measured {
                     sha256: None,

@@ -1,9 +1,65 @@
-//! Which files of a watched folder are complete: a camera may still be writing the others.
+//! A watched folder: its files are measured as they come, once they are complete; a camera may still be writing the others.
 
 use std::collections::HashMap;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
+use std::sync::Mutex;
 use std::time::{Duration, Instant, SystemTime};
+
+use super::input::{self, Kind};
+use super::journal::Journal;
+use super::{Item, Meanwhile, Watch, lock, pending};
+use crate::error::{Error, Result};
+
+/// Gives what is complete to `measure`, with all that is there, until nothing comes any more or the batch is told to end; returns all that
+/// is there.
+pub(super) fn folder(
+    name: &str,
+    kind: Kind,
+    watch: Watch,
+    meanwhile: Meanwhile,
+    journal: &Mutex<Journal>,
+    measure: impl Fn(&[&Item], &[Item]) -> Result<()>,
+) -> Result<Vec<Item>> {
+    let (mut settling, mut last) = (Settling::new(watch.settle), Instant::now());
+    loop {
+        let items = match input::list(name, kind) {
+            Err(Error::File { .. }) => Vec::new(), // nothing there yet
+            other => other?,
+        };
+        // What failed half written is no failure once it has grown.
+        let grown: Vec<&str> = (items.iter().filter(|i| settling.has_changed_since(&i.path)))
+            .map(|i| i.name.as_str())
+            .collect();
+        lock(journal).forget(|name, entry| entry.failed && grown.contains(&name));
+        let idle = watch.idle.is_some_and(|idle| last.elapsed() >= idle);
+        let (mut ready, mut growing) = (Vec::new(), false);
+        for item in pending(&items, journal) {
+            match settling.state(&item.path) {
+                State::Complete => ready.push(item),
+                State::Growing => growing = true,
+                // Nothing more comes: it is a failure with its reason, not forgotten.
+                State::CutShort { .. } if idle => ready.push(item),
+                State::CutShort { news: false } => {}
+                State::CutShort { news: true } => (meanwhile.say)(format!(
+                    "{}: its end is missing; waiting for it, {:.0} s at most",
+                    item.path.display(),
+                    settling.patience().as_secs_f64().ceil()
+                )),
+            }
+        }
+        if !ready.is_empty() {
+            measure(&ready, &items)?;
+            last = Instant::now();
+        } else if idle && !growing {
+            return Ok(items);
+        }
+        if meanwhile.is_stopped() {
+            return Ok(items);
+        }
+        std::thread::sleep(watch.settle.min(Duration::from_millis(200)));
+    }
+}
 
 /// A file whose format says that its end is missing gets this many settling times before it is measured
 /// all the same, and so becomes a failure with its reason.
@@ -11,7 +67,7 @@ const PATIENCE: u32 = 30;
 
 /// How far a file of a watched folder has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
+enum State {
     /// It changed a moment ago.
     Growing,
     /// It stays as it is, and its format's end is missing. To be told once.
@@ -25,35 +81,44 @@ pub enum State {
 
 /// Remembers when each file last changed.
 #[derive(Debug)]
-pub struct Settling {
+struct Settling {
     settle: Duration,
     seen: HashMap<PathBuf, Seen>,
+    /// How those were that were complete.
+    complete: HashMap<PathBuf, Stamp>,
+}
+
+/// A file's size and the time of its last change.
+type Stamp = (u64, Option<SystemTime>);
+
+fn stamp(meta: &std::fs::Metadata) -> Stamp {
+    (meta.len(), meta.modified().ok())
 }
 
 #[derive(Debug)]
 struct Seen {
-    size_and_time: (u64, Option<SystemTime>),
+    stamp: Stamp,
     since: Instant,
     told: bool,
 }
 
 impl Settling {
     /// A file is complete when neither its size nor its time changed for `settle` and its format's end is there.
-    pub fn new(settle: Duration) -> Self {
-        Self { settle, seen: HashMap::new() }
+    fn new(settle: Duration) -> Self {
+        Self { settle, seen: HashMap::new(), complete: HashMap::new() }
     }
 
     /// How far the file has come now. To be asked again and again.
-    pub fn state(&mut self, path: &Path) -> State {
+    fn state(&mut self, path: &Path) -> State {
         let Ok(meta) = std::fs::metadata(path) else {
             // A link that leads nowhere is measured, and so told; what has gone is not.
             let there = std::fs::symlink_metadata(path).is_ok();
             return if there { State::Complete } else { State::Growing };
         };
-        let now = (meta.len(), meta.modified().ok());
-        let new = || Seen { size_and_time: now, since: Instant::now(), told: false };
+        let now = stamp(&meta);
+        let new = || Seen { stamp: now, since: Instant::now(), told: false };
         let entry = self.seen.entry(path.to_owned()).or_insert_with(new);
-        if entry.size_and_time != now {
+        if entry.stamp != now {
             *entry = new();
         }
         let quiet = entry.since.elapsed();
@@ -66,11 +131,18 @@ impl Settling {
             return State::CutShort { news };
         }
         self.seen.remove(path);
+        self.complete.insert(path.to_owned(), now);
         State::Complete
     }
 
+    /// Whether a file that was complete is no longer what it was.
+    fn has_changed_since(&self, path: &Path) -> bool {
+        let now = || std::fs::metadata(path).ok().map(|meta| stamp(&meta));
+        self.complete.get(path).is_some_and(|was| now().is_some_and(|now| now != *was))
+    }
+
     /// How long a file that is cut short is waited for.
-    pub fn patience(&self) -> Duration {
+    fn patience(&self) -> Duration {
         self.settle * PATIENCE
     }
 }

@@ -5,11 +5,14 @@ use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
+use serde_json::Value;
+
 use super::history::{self, Taken};
-use super::{Global, Outcome, Status, result, seconds};
-use crate::batch::{self, Job, Options, Progress, Summary, Watch, input};
+use super::{Global, Outcome, Status, complain, result, seconds};
+use crate::batch::{self, Job, Meanwhile, Options, Progress, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
@@ -111,36 +114,72 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let passed_over = input::passed_over(&args.input, &options.out, job.kind());
     passed_over.iter().for_each(|p| global.say(format!("warning: {p}")));
     let bar = Bar::new(global);
-    let summary = batch::run(&job, &options, &|p| bar.show(p), &|news| global.say(news))?;
-    bar.end();
     let (_, calibration) = Calibration::identified(job.calib_path())?;
-    let done = Done { calibration, summary };
-    let warnings = doubts(&done.summary);
-    warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let json = result("batch", &args.input, &warnings, &done);
-    let summary = done.summary;
-    write_whole(options.out.join("summary.json"), format!("{json:#}\n").as_bytes())?;
-    if let Some(path) = &global.records {
-        let rows = batch::rows(&options.out)?;
-        let (command, calib) = (job.command(), job.calib_path());
-        // A folder that is watched may be empty by now: what was measured is kept all the same.
-        let listed = matches!(global.taken, Some(Taken::File));
-        let items = listed.then(|| input::list(&args.input, job.kind()).unwrap_or_default());
-        let files: HashMap<String, PathBuf> =
-            items.into_iter().flatten().map(|item| (item.name, item.path)).collect();
-        let taken = |image: &str| {
-            let file = files.get(image).map_or(Path::new(image), PathBuf::as_path);
-            history::time(global.taken, file)
-        };
-        let kept = history::keep_batch(path, command, &options.out, &calib, taken, rows);
-        history::told(global, kept);
-    }
+    let told = |summary: &Summary| {
+        let done = Done { calibration: calibration.clone(), summary: summary.clone() };
+        result("batch", &args.input, &doubts(summary), &done)
+    };
+    let summary_path = options.out.join("summary.json");
+    let done = |summary: &Summary, rows: &mut dyn Iterator<Item = Result<Value>>| {
+        write_whole(&summary_path, format!("{:#}\n", told(summary)).as_bytes())?;
+        keep(args, &job, &options.out, rows, global);
+        Ok(())
+    };
+    let meanwhile = Meanwhile {
+        progress: &|p| bar.show(p),
+        say: &|news| global.say(news),
+        summary: &done,
+        stop: stopped_by_user(global.quiet),
+    };
+    let summary = batch::run(&job, &options, meanwhile)?;
+    bar.end();
+    doubts(&summary).iter().for_each(|w| global.say(format!("warning: {w}")));
+    let json = told(&summary);
     let status = match &summary {
-        s if s.failed > 0 => Status::SomeFailed,
+        s if s.failed + s.left > 0 => Status::SomeFailed,
         s if s.fail + s.undecided > 0 => Status::OutOfTolerance,
         _ => Status::Good,
     };
     Ok(Outcome { document: Some(Document::single(json, text(&summary))), status })
+}
+
+/// Keeps what was measured where the user keeps records: after each burst of a watched folder, so that records are as old as their pictures.
+fn keep(
+    args: &Args,
+    job: &Job,
+    out: &Path,
+    rows: impl Iterator<Item = Result<Value>>,
+    global: &Global,
+) {
+    let Some(path) = &global.records else { return };
+    let (command, calib) = (job.command(), job.calib_path());
+    // A folder that is watched may be empty by now: what was measured is kept all the same.
+    let listed = matches!(global.taken, Some(Taken::File));
+    let items = listed.then(|| input::list(&args.input, job.kind()).unwrap_or_default());
+    let files: HashMap<String, PathBuf> =
+        items.into_iter().flatten().map(|item| (item.name, item.path)).collect();
+    let taken = |image: &str| {
+        let file = files.get(image).map_or(Path::new(image), PathBuf::as_path);
+        history::time(global.taken, file)
+    };
+    let kept = history::keep_batch(path, command, out, &calib, taken, rows);
+    history::told(global, kept);
+}
+
+/// Set by the first Ctrl-C, or the system's request to end; the second ends the program at once.
+fn stopped_by_user(quiet: bool) -> &'static AtomicBool {
+    static STOP: AtomicBool = AtomicBool::new(false);
+    const INTERRUPTED: i32 = 130;
+    // Where the system has no such thing the program ends as it always did: a batch can be resumed.
+    let _ = ctrlc::set_handler(move || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(INTERRUPTED);
+        }
+        if !quiet {
+            complain("ending once what is being measured is done; the next time at once");
+        }
+    });
+    &STOP
 }
 
 fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
@@ -173,7 +212,8 @@ fn doubts(s: &Summary) -> Vec<String> {
         "the same as another, byte for byte: the statistics count each as a measurement",
     );
     let gone = told(s.gone, "measured before and no longer there: the rows stay");
-    copies.into_iter().chain(gone).collect()
+    let left = told(s.left, "not measured, as the batch was stopped: go on with --resume");
+    copies.into_iter().chain(gone).chain(left).collect()
 }
 
 fn text(s: &Summary) -> String {
@@ -201,6 +241,15 @@ fn text(s: &Summary) -> String {
                 c.column, v.n, v.mean, v.min, v.max
             );
         }
+    }
+    if !s.failures.is_empty() {
+        text.push('\n');
+    }
+    for failure in &s.failures {
+        let _ = writeln!(text, "FAILED {}: {}", failure.image, failure.reason);
+    }
+    if s.failed > s.failures.len() {
+        let _ = writeln!(text, "… and {} more, in the tables", s.failed - s.failures.len());
     }
     text.push('\n');
     for file in &s.files {

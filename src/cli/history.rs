@@ -122,7 +122,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let verdict = record.verdict.as_deref().unwrap_or("");
         let _ = writeln!(
             text,
-            "{}  {:8} {:9} {}  {}",
+            "{}  {:11} {:9} {}  {}",
             record.time_utc,
             record.command,
             verdict,
@@ -143,8 +143,10 @@ fn values(record: &Record) -> String {
         .iter()
         .filter_map(|s| {
             let value = number(result, &s.key)?;
-            let u95 = u95_key(&s.key).and_then(|k| number(result, &k)).unwrap_or(0.0);
-            Some(format!("{} {value:.4} ± {u95:.4} mm", s.label.trim_end_matches(", mm")))
+            let u95 = u95_key(&s.key).and_then(|k| number(result, &k));
+            let u95 = u95.map_or(String::new(), |u95| format!(" ± {u95:.4}"));
+            let (name, unit) = s.label.split_once(", ").unwrap_or((&s.label, ""));
+            Some(format!("{name} {value:.4}{u95} {unit}"))
         })
         .collect::<Vec<_>>()
         .join("  ")

@@ -280,8 +280,11 @@ fn seconds(option: &str, s: f64) -> Result<Duration> {
 
 /// Whether the command's result goes into the records.
 fn is_kept(command: &Command) -> bool {
-    use Command::{Completions, Config, History, Man, Regress, Schema};
-    !matches!(command, Completions(_) | Config(_) | History(_) | Man(_) | Regress(_) | Schema(_))
+    use Command::{Completions, Config, History, Man, Regress, Report, Schema};
+    !matches!(
+        command,
+        Completions(_) | Config(_) | History(_) | Man(_) | Regress(_) | Report(_) | Schema(_)
+    )
 }
 
 /// Whether `--out` names a folder of what the command makes, not its printed result.

@@ -143,7 +143,7 @@ fn burns(wish: &Wish, global: &Global) -> Result<Vec<Burn>> {
             ["calib.toml".into(), image.clone(), truth_name(&name)],
         )?;
         if number == 1 {
-            write_calibration(&wish.out_dir, &camera)?;
+            write_calibration(wish, "burn", &camera, global)?;
         }
         made.picture.write_png(wish.out_dir.join(&image))?;
         let truth = write_truth(&wish.out_dir, &name, &image, "burn", made.truth)?;
@@ -168,7 +168,7 @@ fn rods(wish: &Wish, global: &Global) -> Result<Vec<(Rod, usize)>> {
         let names = ["calib.toml".into(), format!("{name}.csv"), truth_name(&name)];
         global.makes("--out-dir", &wish.out_dir, names)?;
         if number == 1 {
-            write_calibration(&wish.out_dir, &camera)?;
+            write_calibration(wish, "rod", &camera, global)?;
         }
         let table = made.write(&wish.out_dir, &name)?;
         let truth = write_truth(&wish.out_dir, &name, &table, "rod", made.truth)?;
@@ -178,10 +178,29 @@ fn rods(wish: &Wish, global: &Global) -> Result<Vec<(Rod, usize)>> {
     Ok(rows)
 }
 
-/// The camera's calibration, for all pictures of a folder.
-fn write_calibration(folder: &Path, camera: &Camera) -> Result<()> {
+/// The camera's calibration, for all pictures of a folder. What an earlier run has left there and this one does not replace may be another
+/// camera's.
+fn write_calibration(wish: &Wish, kind: &str, camera: &Camera, global: &Global) -> Result<()> {
+    let folder = &wish.out_dir;
     create_folder(folder)?;
-    write_whole(folder.join("calib.toml"), camera.calibration.to_toml().as_bytes())
+    let (path, text) = (folder.join("calib.toml"), camera.calibration.to_toml());
+    if std::fs::read(&path).is_ok_and(|old| old != text.as_bytes()) {
+        let number = |name: &str| name.strip_prefix(kind)?.get(1..5)?.parse::<u32>().ok();
+        let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
+        let mut left: Vec<String> = files
+            .filter_map(|file| file.file_name().into_string().ok())
+            .filter(|name| number(name).is_some_and(|n| n > wish.count))
+            .collect();
+        left.sort();
+        if let Some(first) = left.first() {
+            global.say(format_args!(
+                "warning: {}: {} older files, from {first} on, are of another camera than calib.toml is now: delete them",
+                folder.display(),
+                left.len()
+            ));
+        }
+    }
+    write_whole(path, text.as_bytes())
 }
 
 fn truth_name(name: &str) -> String {

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::Value;
 
-use super::{Global, Outcome, Status};
+use super::{Global, Outcome, result as output_of};
 use crate::error::{Error, Result};
 use crate::input;
-use crate::output::identity;
+use crate::output::{Document, identity};
 use crate::report::{self, Options};
 use crate::{batch, clock};
 
@@ -25,6 +25,13 @@ pub struct Args {
     /// The calibration file the result was measured with: its identity and age are shown
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+}
+
+/// What is printed.
+#[derive(serde::Serialize, schemars::JsonSchema)]
+pub struct Output {
+    /// The page written.
+    page: PathBuf,
 }
 
 /// Runs the command.
@@ -45,7 +52,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if args.result.is_dir() && !path.exists() {
         return Err(Error::file(
             &args.result,
-            "is not the folder of a finished batch: it holds no summary.json",
+            "is not the folder of a batch that has measured: it holds no summary.json",
             "give the folder that `batch --out` named, or a result's file",
         ));
     }
@@ -67,8 +74,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         rows,
     };
     let page = report::page(&result, &options).map_err(|e| e.in_file(&path, None))?;
-    global.write(out, page.as_bytes())?;
-    Ok(Outcome { document: None, status: Status::Good })
+    global.write(&out, page.as_bytes())?;
+    let table = format!("wrote {}", out.display());
+    let json = output_of("report", &path, &[], &Output { page: out });
+    Ok(Outcome::good(Document::single(json, table)))
 }
 
 /// The first rows of a batch that were not measured or not passed.

@@ -46,6 +46,7 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("regress", |g| g.root_schema_for::<super::regress::Output>()),
     ("render-burn", |g| g.root_schema_for::<render::Output<render::Burn>>()),
     ("render-rod", |g| g.root_schema_for::<render::Output<render::Rod>>()),
+    ("report", |g| g.root_schema_for::<super::report::Output>()),
     ("rod", |g| g.root_schema_for::<super::rod::Output>()),
     ("rotary", |g| g.root_schema_for::<rotary::Report>()),
     ("rtcp", |g| g.root_schema_for::<super::rtcp::Output>()),

@@ -79,7 +79,9 @@ pub struct Compared {
     target_offset_mm: [f64; 3],
     /// Which of `before` and `after` the tolerance is held against.
     judged: &'static str,
-    /// Half-width of the 95 % interval of the largest of them, downwards: it was chosen for its noise, too.
+    /// The largest deviation of those.
+    worst_mm: f64,
+    /// Half-width of its 95 % interval, downwards: it was chosen for its noise, too.
     worst_u95_mm: f64,
     /// The same upwards: the truly largest is seen no smaller than its own noise makes it.
     worst_u95_up_mm: f64,
@@ -261,6 +263,7 @@ fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBu
         after: report.after,
         target_offset_mm: report.target_offset_mm.into(),
         judged: if options.corrected { "after" } else { "before" },
+        worst_mm: report.worst_mm,
         worst_u95_mm: report.worst_u95_mm,
         worst_u95_up_mm: report.worst_u95_up_mm,
         noise_mm: report.noise_mm,
@@ -290,7 +293,7 @@ fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
     let _ = writeln!(
         table,
         "largest deviation {:.4} mm (95 %: -{:.4} +{:.4} mm, noise {:.4} mm: {}), {} {} mm: {}",
-        if options.corrected { report.after.worst_mm } else { report.before.worst_mm },
+        report.worst_mm,
         report.worst_u95_mm,
         report.worst_u95_up_mm,
         report.noise_mm,

@@ -57,7 +57,7 @@ fn with_newline(mut text: String) -> String {
 }
 
 /// Rows as CSV: nested keys joined with `.`, list items by number; a column wherever any row has it.
-fn csv_text(rows: &[Value]) -> String {
+pub fn csv_text(rows: &[Value]) -> String {
     if rows.is_empty() {
         return String::new();
     }

@@ -44,7 +44,9 @@ pub struct Report {
     pub noise_source: &'static str,
     /// Why it may be another one.
     pub noise_doubt: Option<String>,
-    /// Half-width of the 95 % interval of the largest deviation, downwards: it was chosen for its noise, too.
+    /// The largest deviation: measured, or left once the model's values are in the control.
+    pub worst_mm: f64,
+    /// Half-width of its 95 % interval, downwards: it was chosen for its noise, too.
     pub worst_u95_mm: f64,
     /// The same upwards: the truly largest deviation is seen no smaller than its own noise makes it.
     pub worst_u95_up_mm: f64,
@@ -52,7 +54,7 @@ pub struct Report {
     pub before: Size,
     /// Size of what the model leaves.
     pub after: Size,
-    /// Of the largest deviation: measured, or left once the model's values are in the control.
+    /// Of the largest deviation.
     pub verdict: Verdict,
 }
 
@@ -71,7 +73,7 @@ pub fn verify(
     remove_target_offset(real, rotary, &mut measured);
     remove_target_offset(real, rotary, &mut predicted);
     let (before, after) = (Size::of(&measured), Size::of(&rest));
-    let judged = if options.corrected { after } else { before };
+    let worst_mm = if options.corrected { after } else { before }.worst_mm;
     let repeats = repeatability(rotary, &rest);
     let (noise_mm, dof, noise_source) = match (options.noise_mm, repeats) {
         (Some(given), _) => (given, f64::INFINITY, "given"),
@@ -81,8 +83,8 @@ pub fn verify(
     let lengths = if options.corrected { &rest } else { &measured };
     let worst_u95_mm = worst_u95(lengths, noise_mm, dof);
     let worst_u95_up_mm = k95(dof) * noise_mm;
-    let verdict = match Verdict::of(judged.worst_mm, worst_u95_up_mm, options.tolerance_mm) {
-        Verdict::Fail => Verdict::of(judged.worst_mm, worst_u95_mm, options.tolerance_mm),
+    let verdict = match Verdict::of(worst_mm, worst_u95_up_mm, options.tolerance_mm) {
+        Verdict::Fail => Verdict::of(worst_mm, worst_u95_mm, options.tolerance_mm),
         clear => clear,
     };
     Report {
@@ -93,6 +95,7 @@ pub fn verify(
         noise_mm,
         noise_source,
         noise_doubt: noise_doubt(options.noise_mm, repeats),
+        worst_mm,
         worst_u95_mm,
         worst_u95_up_mm,
         before,

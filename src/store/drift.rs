@@ -12,7 +12,7 @@ use crate::plot::{Figure, Panel};
 use crate::uncertainty::{K95, k95};
 
 /// What is followed over time: command, key, name, key of its limit.
-const FOLLOWED: [(&str, &str, &str, Option<&str>); 15] = [
+const FOLLOWED: [(&str, &str, &str, Option<&str>); 23] = [
     ("burn", "offset_mm.0", "offset X, mm", None),
     ("burn", "offset_mm.1", "offset Y, mm", None),
     ("burn", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
@@ -28,6 +28,14 @@ const FOLLOWED: [(&str, &str, &str, Option<&str>); 15] = [
     ("solve", "zb_mm", "Z_B, mm", None),
     ("solve", "delta_x_mm", "ΔX, mm", None),
     ("solve", "r_mm", "R, mm", None),
+    ("verify", "worst_mm", "largest deviation, mm", Some("tolerance_mm")),
+    ("rotary", "summary.before_max_mm", "largest deviation, mm", None),
+    ("calib-check", "deviation_mm", "diameter's deviation, mm", None),
+    ("calib-check", "scale_error_percent", "scale error, %", None),
+    ("calib-check", "rotation_error_deg", "turn, °", None),
+    ("calib-check", "field_error_mm", "largest error in the frame, mm", None),
+    ("calib-laser", "offset_mm.0", "laser X, mm", None),
+    ("calib-laser", "offset_mm.1", "laser Y, mm", None),
 ];
 
 /// Chance of a false alarm.
