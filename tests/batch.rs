@@ -398,6 +398,27 @@ fn results_never_replace_what_is_measured() {
     assert_eq!(std::fs::read(dir.join("notes/results.jsonl")).unwrap(), b"mine");
 }
 
+/// A batch's pictures are recorded once however often it is resumed, and those of another batch in the same folder too.
+#[test]
+fn records_tell_batches_in_one_folder_apart() {
+    let dir = workshop(2);
+    let dir = dir.path();
+    let go = |more: &[&str]| {
+        let more = [&["--records", "r.sqlite"], more].concat();
+        assert_eq!(batch(dir, "out", &more).status().unwrap().code(), Some(0));
+        let kept = pivotsight()
+            .current_dir(dir)
+            .args(["history", "export", "--records", "r.sqlite"])
+            .output()
+            .unwrap();
+        String::from_utf8(kept.stdout).unwrap().lines().count()
+    };
+    assert_eq!(go(&[]), 2);
+    assert_eq!(go(&["--resume"]), 2);
+    std::fs::remove_dir_all(dir.join("out")).unwrap();
+    assert_eq!(go(&[]), 4);
+}
+
 /// Burns whose heights a manifest tells are data for `diagnose burn`, whatever their pictures are called.
 #[test]
 fn burns_at_known_heights_are_data_for_diagnose() {

@@ -29,8 +29,9 @@ pub use job::Job;
 pub use run::{Measured, Progress};
 pub use summary::Summary;
 
+use crate::clock;
 use crate::error::{Error, Result};
-use crate::output::{create_folder, write_streamed};
+use crate::output::{create_folder, identity as place_of, write_streamed};
 use folder::{claim, is_ours_to_fill, keep_apart};
 use journal::{Journal, unwritten};
 
@@ -89,6 +90,8 @@ pub fn run(job: &Job, options: &Options, meanwhile: Meanwhile) -> Result<Summary
         "input_path": input::place(&options.input).display().to_string(),
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
+        // Another batch in the same folder is another batch.
+        "begun": format!("{} by {}", clock::utc(clock::now()), std::process::id()),
     });
     let measure = |item: &Item| prepared.measure(item);
     let summary = run_with(options, job.kind(), &identity, &measure, meanwhile)?;
@@ -154,6 +157,14 @@ fn run_with(
         sink.flush().map_err(|e| unwritten(&results, e))
     })?;
     Ok(summary)
+}
+
+/// Which batch a folder is of: its place, and when it was begun.
+pub fn which(folder: &Path) -> String {
+    let told = std::fs::read(folder.join("batch.json")).ok();
+    let told = told.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok());
+    let begun = told.and_then(|v| v["begun"].as_str().map(str::to_owned)).unwrap_or_default();
+    format!("{} {begun}", place_of(folder).display())
 }
 
 /// The rows of a finished batch, in order.

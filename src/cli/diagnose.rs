@@ -12,7 +12,7 @@ use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
 use crate::diagnose::{model, own, page, plan};
 use crate::error::{Error, Result};
-use crate::machine::{Entered, Machine, entered};
+use crate::machine::{Entered, Machine, entered, is_entered, is_told};
 use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
@@ -124,6 +124,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let (Some(machine), Some(_)) = (&machine, &args.model) {
         let named = |e: &Entered| report.effects.iter().any(|n| n.name == e.effect);
         report.in_the_control = entered(machine).1.into_iter().filter(named).collect();
+        let told = machine.effects.iter().filter(|e| is_entered(e) && !is_told(e));
+        warnings.extend(told.map(|e| {
+            format!(
+                "{} is less than its own uncertainty: nothing to enter into the control yet; more captures tell its size",
+                e.name
+            )
+        }));
     }
     if let (Some(machine), Some(path)) = (&machine, &args.write_model) {
         global.write(path, machine.to_toml().as_bytes())?;

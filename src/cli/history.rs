@@ -237,9 +237,8 @@ pub fn keep_batch(
     taken: impl Fn(&str) -> String,
     lines: impl Iterator<Item = Result<Value>>,
 ) -> Result<()> {
-    let batch = std::fs::canonicalize(folder).unwrap_or_else(|_| folder.to_owned());
     let arguments = vec![format!("--calib={}", calib.display())];
-    let batch = Some(batch.display().to_string());
+    let batch = Some(crate::batch::which(folder));
     let sample = record(command, String::new(), String::new(), &arguments, batch, Value::Null);
     let records = lines.filter_map(|line| {
         let result = match line {

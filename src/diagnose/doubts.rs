@@ -23,6 +23,19 @@ pub fn beyond_machines(added: impl IntoIterator<Item = f64>) -> Option<f64> {
     (most > MOST_MM).then_some(most)
 }
 
+/// Captures that were set aside as a whole, in words: by the row at which each begins.
+pub fn slipped_captures(captures: &[usize], layout: &Layout) -> Option<String> {
+    let first = |capture: &usize| layout.groups.iter().position(|g| g == capture);
+    let rows: Vec<String> =
+        captures.iter().filter_map(first).map(|row| format!("{}", row + 1)).collect();
+    (!rows.is_empty()).then(|| {
+        format!(
+            "captures that lie apart as a whole are set aside (they begin at row {}): check where the machine stood for them",
+            rows.join(", ")
+        )
+    })
+}
+
 /// What is to be doubted of an answer, in words; `pairs` are the two names that could stand for each of its own.
 pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -> Vec<String> {
     let bar = match fitter.experiment.kind() {

@@ -343,6 +343,16 @@ impl Space {
         dimensions
     }
 
+    /// Rows of whitened columns that hold the captures' shared parts: row, capture, and which part it is.
+    pub fn capture_rows_used(&self) -> impl Iterator<Item = (usize, usize, usize)> {
+        let d = self.random_count();
+        let used = move |(g, group): (usize, &Group)| {
+            let ranks = group.q.ncols();
+            (0..ranks).map(move |k| (g * d + k, g, k))
+        };
+        self.groups.iter().enumerate().flat_map(used)
+    }
+
     /// Capture-level residuals (whitened): one vector per capture with the component of each entry.
     pub fn capture_parts(&self, whitened: &DMatrix<f64>) -> Vec<Vec<(usize, f64)>> {
         let (top, d) = (self.top(), self.random_count());

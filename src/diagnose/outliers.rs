@@ -59,17 +59,16 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
     if model.active.is_empty() {
         suspected.extend(far_from_likeliest_name(&first.fitter, &first.selection));
     }
-    for suspects in
-        suspected.into_iter().filter(|s| !s.is_empty() && few(s.len(), layout.values.len()))
-    {
+    for suspects in suspected.into_iter().filter(|s| !s.is_empty() && few_of(s, layout)) {
         let second = settle(experiment, given_mm, suspects, 0.0);
         if second.ln_evidence() > first.ln_evidence() + CLEARLY {
             first = second;
         }
     }
     let mut alone = alone_under_a_shape(&first.fitter, &first.selection.fitted);
-    if !alone.is_empty() && few(alone.len() + first.outliers.len(), layout.values.len()) {
-        alone.extend(&first.outliers);
+    let any_alone = !alone.is_empty();
+    alone.extend(&first.outliers);
+    if any_alone && few_of(&alone, layout) {
         let second = settle(experiment, given_mm, alone, 0.0);
         if second.ln_evidence() > first.ln_evidence() {
             first = second;
@@ -120,16 +119,25 @@ fn following<'a>(
 
 impl Screened<'_> {
     /// Log evidence, nats: an outlier may lie anywhere in the values' range, and which one it is must be said; a part is one of
-    /// many.
+    /// many. Of a capture that is set aside only its shared parts may: within it values scatter as elsewhere.
     fn ln_evidence(&self) -> f64 {
         let layout = self.fitter.experiment.layout();
         let f = &self.selection.fitted;
         let n = layout.values.len() as f64;
         let (low, high) = range(&self.selection.baseline.residual);
-        let gone = self.outliers.len() as f64;
         let constant = 0.5 * std::f64::consts::TAU.ln();
+        let captures = whole_captures(&self.outliers, layout);
+        let shared = (captures.len() * layout.random.iter().map(Vec::len).sum::<usize>()) as f64;
+        let within: Vec<usize> = (self.outliers.iter().copied())
+            .filter(|i| captures.contains(&layout.groups[*i]))
+            .collect();
+        let ordinary = (within.len() as f64 - shared).max(0.0);
+        let gone = self.outliers.len() as f64 - ordinary;
+        let ln_sigma = |i: &usize| f.noise.sigma_mm[layout.classes[*i]].ln();
+        let usual = within.iter().map(ln_sigma).sum::<f64>() / within.len().max(1) as f64;
         self.fitter.ln_likelihood(f)
             - constant * (n - gone)
+            - ordinary * (usual + 0.5)
             - gone * ((high - low).max(1e-12).ln() + n.ln())
             - 0.5 * f.rank as f64 * n.ln()
             - f.model.active.len() as f64 * self.selection.library_tests.max(1.0).ln()
@@ -170,14 +178,33 @@ fn settle<'a>(
     let (mut fitter, mut selection) = run(&outliers);
     for _ in 0..2 {
         let found = far(&fitter, &selection.fitted, layout);
-        if found.is_empty() || !few(outliers.len() + found.len(), layout.values.len()) {
+        let all: Vec<usize> = outliers.iter().chain(&found).copied().collect();
+        if found.is_empty() || !few_of(&all, layout) {
             break;
         }
-        outliers.extend(found);
+        outliers = all;
         (fitter, selection) = run(&outliers);
     }
     outliers.sort_unstable();
     Screened { fitter, selection, outliers }
+}
+
+/// Captures of which nothing is left.
+pub(super) fn whole_captures(outliers: &[usize], layout: &Layout) -> Vec<usize> {
+    if layout.random.is_empty() {
+        return Vec::new();
+    }
+    let mut left = vec![0usize; layout.group_count()];
+    layout.groups.iter().for_each(|g| left[*g] += 1);
+    outliers.iter().for_each(|i| left[layout.groups[*i]] -= 1);
+    (0..left.len()).filter(|g| left[*g] == 0).collect()
+}
+
+/// Whether these observations may be set aside: few of all, and few captures as a whole.
+fn few_of(outliers: &[usize], layout: &Layout) -> bool {
+    let captures = whole_captures(outliers, layout);
+    let single = outliers.iter().filter(|i| !captures.contains(&layout.groups[**i])).count();
+    few(single, layout.values.len()) && few(captures.len(), layout.group_count())
 }
 
 /// Whether so many of all observations may be set aside.
@@ -224,19 +251,45 @@ fn space(
 const LEAST_LEFT: f64 = 0.3;
 
 /// Observations that a fit leaves far away: beyond a 0.1 % chance in the whole set. What is left of each is counted in units of what
-/// the fit leaves of noise there: a shape of many coefficients follows a slipped reading part of the way.
+/// the fit leaves of noise there: a shape of many coefficients follows a slipped reading part of the way. Of a capture whose shared parts
+/// are far, all of them.
 fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let n = layout.values.len();
-    let limit = limit(n);
     let white = fitter.whiten_residual(f, &f.noise);
     let top = fitter.space.top();
     let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
-    let left = |i: usize| (1.0 - basis.row(top + i).norm_squared()).max(LEAST_LEFT);
-    let rest: Vec<f64> = (0..n).map(|i| white[(top + i, 0)] / left(i).sqrt()).collect();
-    let scales = scales(&rest, |i| fitter.space.kept(i), &layout.classes);
-    (0..n)
-        .filter(|&i| fitter.space.kept(i) && rest[i].abs() > limit * scales[layout.classes[i]])
-        .collect()
+    let left = |row: usize| (1.0 - basis.row(row).norm_squared()).max(LEAST_LEFT);
+    let own = |row: usize| white[(row, 0)] / left(row).sqrt();
+    let rest: Vec<f64> = (0..n).map(|i| own(top + i)).collect();
+    let is_far = beyond(&rest, |i| fitter.space.kept(i), &layout.classes);
+    let slipped = slipped_captures(fitter, layout, own);
+    (0..n).filter(|&i| fitter.space.kept(i) && (is_far[i] || slipped[layout.groups[i]])).collect()
+}
+
+/// Captures that lie apart as a whole from where a fit has them; `own` gives what a row of the whitened residual leaves.
+fn slipped_captures(fitter: &Fitter, layout: &Layout, own: impl Fn(usize) -> f64) -> Vec<bool> {
+    let mut slipped = vec![false; layout.group_count()];
+    if layout.random.is_empty() {
+        return slipped;
+    }
+    let (parts, places): (Vec<f64>, Vec<(usize, usize)>) = fitter
+        .space
+        .capture_rows_used()
+        .map(|(row, group, part)| (own(row), (group, part)))
+        .unzip();
+    let kinds: Vec<usize> = places.iter().map(|(_, part)| *part).collect();
+    let is_far = beyond(&parts, |_| true, &kinds);
+    for ((group, _), far) in places.into_iter().zip(is_far) {
+        slipped[group] |= far;
+    }
+    slipped
+}
+
+/// Which of the values lie far from those of their class, where they count.
+fn beyond(values: &[f64], kept: impl Fn(usize) -> bool, classes: &[usize]) -> Vec<bool> {
+    let limit = limit(values.len());
+    let scales = scales(values, kept, classes);
+    values.iter().zip(classes).map(|(v, class)| v.abs() > limit * scales[*class]).collect()
 }
 
 /// How much each output's values scatter, robustly: outliers must not hide in the noise they made, nor make another output's values look

@@ -11,7 +11,7 @@ use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
-use crate::diagnose::outliers::{Screened, screen};
+use crate::diagnose::outliers::{Screened, screen, whole_captures};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::repeats::repeats_ln_p;
 use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Verdict, Where};
@@ -174,6 +174,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         .iter()
         .filter_map(|e| e.untestable.as_ref().map(|u| (e.name.to_string(), u.why.clone())))
         .collect();
+    let slips = doubts::slipped_captures(&whole_captures(&outliers, layout), layout);
     Report {
         kind: fitter.experiment.kind().into(),
         verdict,
@@ -190,7 +191,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         outliers,
         untested,
         lack_of_fit_p: p,
-        doubts: doubts::of_answer(fitter, s, &pairs),
+        doubts: doubts::of_answer(fitter, s, &pairs).into_iter().chain(slips).collect(),
         residuals: Residuals {
             before_mm: s.baseline.residual.clone(),
             after_mm: named.residual.clone(),

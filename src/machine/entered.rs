@@ -40,11 +40,12 @@ fn corrected<'m>(
     own.map(|((_, p, key), place)| (p, key, place)).collect()
 }
 
-/// The machine whose control holds the numbers that its effects correct, without those effects, and what changed.
+/// The machine whose control holds the numbers that its effects correct, without those effects, and what changed. An effect that is less
+/// than its own uncertainty stays where it is.
 pub fn entered(machine: &Machine) -> (Machine, Vec<Entered>) {
     let mut new = machine.clone();
     let mut list = Vec::new();
-    for effect in &machine.effects {
+    for effect in machine.effects.iter().filter(|e| is_told(e)) {
         for (parameter, key, place) in corrected(&mut new, effect) {
             let now_mm = *place;
             *place += effect.parameters[parameter];
@@ -57,8 +58,15 @@ pub fn entered(machine: &Machine) -> (Machine, Vec<Entered>) {
             });
         }
     }
-    new.effects.retain(|e| !is_entered(e));
+    new.effects.retain(|e| !is_entered(e) || !is_told(e));
     (new, list)
+}
+
+/// Whether an effect is known well enough to be entered: its sizes together are more than what is not known of them.
+pub fn is_told(effect: &Effect) -> bool {
+    let size = |list: &mut dyn Iterator<Item = f64>| list.map(|v| v * v).sum::<f64>();
+    let unknown = size(&mut effect.parameters_u95.values().copied());
+    unknown <= size(&mut effect.parameters.values().copied())
 }
 
 /// Whether an effect is of that kind.

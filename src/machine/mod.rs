@@ -21,7 +21,7 @@ mod screw;
 
 pub use axis::{Axis, AxisName, Side, apart_deg, written_deg};
 pub use chain::{Chain, Joints, Motion, ToolPose};
-pub use entered::{Entered, entered, is_entered};
+pub use entered::{Entered, entered, is_entered, is_told};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
 pub use figure::frames_svg;
 pub use file::{AxisEntry, Effect, Head, Kinematics, Machine, Table, Target};

@@ -33,6 +33,7 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         let turned = if alike { down.2 < up.2 } else { down.1 < up.1 };
         *data = if turned { down.0 } else { up.0 };
     }
+    data.free_cups();
     let mut nuisances = Vec::new();
     let label = |name: &String| if name.is_empty() { String::new() } else { format!("{name}_") };
     let named = |cup: &Cup, name: &String, axis: usize| Parameter {
@@ -43,7 +44,7 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         nuisances.extend([0, 2].map(|axis| named(cup, name, axis)));
     }
     for (cup, name) in data.cups.iter().zip(&data.series_names) {
-        if cup.is_beside() {
+        if cup.y_is_free {
             nuisances.push(named(cup, name, 1));
         }
         if cup.side_assumed {
@@ -71,14 +72,15 @@ pub fn next_z(data: &Columns, b_deg: f64) -> f64 {
     if rest < 0.0 { linked_z(data, b_deg) } else { rest.sqrt() - from_cup.z }
 }
 
-/// The bar's length at a row. Nuisances: each path's cup x and z, y of those beside the plane, the bar.
+/// The bar's length at a row. Nuisances: each path's cup x and z, y of those where it is free, the bar.
 pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
     let path = data.series[row];
     let cup = &nuisances[2 * path..];
-    let beside = |cups: &[Cup]| cups.iter().filter(|c| c.is_beside()).count();
+    let free = |cups: &[Cup]| cups.iter().filter(|c| c.y_is_free).count();
     let y = match data.cups.get(path) {
-        Some(cup) if cup.is_beside() => nuisances[2 * data.cups.len() + beside(&data.cups[..path])],
-        _ => 0.0,
+        Some(cup) if cup.y_is_free => nuisances[2 * data.cups.len() + free(&data.cups[..path])],
+        Some(cup) => cup.place_mm.y,
+        None => 0.0,
     };
     let bar = nuisances.last().copied().unwrap_or(0.0);
     let d = data.tool(row) + error - Vector3::new(cup[0], y, cup[1]);
@@ -96,6 +98,26 @@ impl Columns {
         let x = self.get("x_mm").get(row).copied().unwrap_or(0.0);
         let b_rad = self.get("b_deg")[row].to_radians();
         turned(b_rad, self.head) + Vector3::new(x, 0.0, self.get("z_mm")[row])
+    }
+
+    /// Which cups beside the plane are free to lie elsewhere there. Where the bar hardly changes on any path, and no cup lies in the plane,
+    /// one of them and the bar's length are the same to all lengths, but for what an effect does to these.
+    fn free_cups(&mut self) {
+        /// Of the bar's length.
+        const CHANGES: f64 = 0.01;
+        let changes = |(path, cup): (usize, &Cup)| {
+            let lengths = self.rows_of(path).into_iter().map(|r| cup.distance(&self.tool(r)));
+            let (low, high) = lengths.fold((f64::MAX, 0.0f64), |(a, b), l| (a.min(l), b.max(l)));
+            high - low > CHANGES * high
+        };
+        let told = self.cups.iter().any(|cup| !cup.is_beside())
+            || self.cups.iter().enumerate().any(changes);
+        let mut cups = self.cups.clone();
+        cups.iter_mut().for_each(|cup| cup.y_is_free = cup.is_beside());
+        if let Some(first) = cups.first_mut().filter(|_| !told) {
+            first.y_is_free = false;
+        }
+        self.cups = cups;
     }
 
     /// Finds every path's cup and gives the root mean square of what the lengths then miss.

@@ -167,8 +167,12 @@ impl ColumnsExperiment {
             warnings.extend(units::celsius(&name, &column));
             let t = data.get("t_s");
             let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
-            // Rises above the cold state; columns that begin well above zero hold temperatures.
-            let cold = if column[first].abs() > 5.0 { column[first] } else { 0.0 };
+            // Rises above the cold state; columns that begin well above zero hold temperatures. What never changes is no constant of the errors.
+            let still = column.iter().all(|v| *v == column[first]);
+            if still {
+                warnings.push(format!("{name} never changes: it tells nothing of the head"));
+            }
+            let cold = if still || column[first].abs() > 5.0 { column[first] } else { 0.0 };
             data.head_c.push(column.iter().map(|v| v - cold).collect());
         }
         let measured = table.optional_column("error_mm")?.unwrap_or_default();

@@ -21,6 +21,8 @@ pub struct Cup {
     pub bar_mm: f64,
     /// Whether the side of the plane of motion is only assumed.
     pub side_assumed: bool,
+    /// Whether how far it lies beside that plane is told by the lengths, or shall be.
+    pub y_is_free: bool,
 }
 
 impl Cup {
@@ -30,7 +32,7 @@ impl Cup {
     }
 
     /// Distance of a tool place from the cup.
-    fn distance(&self, tool: &Vector3<f64>) -> f64 {
+    pub fn distance(&self, tool: &Vector3<f64>) -> f64 {
         (tool - self.place_mm).norm()
     }
 
@@ -46,7 +48,7 @@ impl Cup {
 pub fn straight_below(beside_mm: f64, tool0: &Vector3<f64>, bar_mm: f64) -> Cup {
     let below_mm = (bar_mm * bar_mm - beside_mm * beside_mm).max(0.0).sqrt();
     let place_mm = Vector3::new(tool0.x, beside_mm, tool0.z - below_mm);
-    Cup { place_mm, bar_mm, side_assumed: false }
+    Cup { place_mm, bar_mm, side_assumed: false, y_is_free: false }
 }
 
 /// The cup of one path: straight below where that is about right, otherwise where the lengths put it.

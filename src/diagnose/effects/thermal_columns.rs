@@ -121,12 +121,12 @@ pub fn heating(data: &Columns) -> Vec<f64> {
     out
 }
 
-/// The first sensor whose reading stops changing for at least a tenth of the run.
+/// The first sensor whose reading stops changing for at least a tenth of the run; one that never changed at all has not stopped.
 pub fn dead_sensor(data: &Columns) -> Option<usize> {
     (0..data.head_c.len()).find(|&sensor| {
         let rows = data.series.len();
         let stuck = gone(data, sensor).iter().filter(|g| **g > 0.0).count();
-        stuck > (rows / 10).max(5)
+        stuck > (rows / 10).max(5) && stuck < rows
     })
 }
 
