@@ -18,7 +18,11 @@ pub const MOST_PICTURE: u64 = 1 << 30;
 pub fn open(path: &Path) -> Result<File> {
     if is_named_pipe(path) {
         let reason = "is a named pipe, which would be waited for, perhaps for ever";
-        return Err(Error::file(path, reason, "give a file, or /dev/stdin and pipe it in"));
+        return Err(Error::file(
+            path,
+            reason,
+            "give a file; a table may also be piped into /dev/stdin",
+        ));
     }
     File::open(path).map_err(|e| Error::io(path, "read", e))
 }

@@ -167,12 +167,17 @@ fn one(folder: &Path, program: &Path, propose: bool) -> Result<Case> {
         .output()
         .map_err(|e| Error::io(program, "start", e))?;
     let code = output.status.code().unwrap_or(-1);
-    let words = String::from_utf8_lossy(&output.stderr);
+    let parsed = serde_json::from_slice::<Value>(&output.stdout);
     let mut problem = (code != case.exit_code).then(|| {
-        let text = format!("exit code {code} instead of {}: {}", case.exit_code, words.trim());
+        // Of several pictures each has its own reason in the result.
+        let failed = parsed.iter().flat_map(|result| result["results"].as_array());
+        let reasons = failed.flatten().filter_map(|one| one["error"].as_str());
+        let said = String::from_utf8_lossy(&output.stderr);
+        let said: Vec<&str> = reasons.chain([said.trim()]).filter(|s| !s.is_empty()).collect();
+        let text = format!("exit code {code} instead of {}: {}", case.exit_code, said.join("; "));
         text.trim_end_matches(": ").to_owned()
     });
-    let result: Value = serde_json::from_slice(&output.stdout).unwrap_or_else(|e| {
+    let result: Value = parsed.unwrap_or_else(|e| {
         let silent = output.stdout.is_empty();
         if problem.is_none() && !known.as_ref().is_some_and(Vec::is_empty) {
             problem = Some(match silent {

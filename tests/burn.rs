@@ -205,6 +205,29 @@ fn bands_beyond_a_soft_ring_widen_its_interval() {
     }
 }
 
+/// On a smooth plate a tint that fades away from the rim, stronger on one side, is told from the rim there.
+#[test]
+fn a_tint_on_one_side_of_a_smooth_ring_does_not_move_it() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(1.3, -0.8);
+    for (side, soft_px) in [(0.4f64, 2.4), (2.0, 2.8), (4.4, 3.2)] {
+        let found = measure(&picture(|p| {
+            let inside = |r: f64, soft_px: f64| 1.0 / (1.0 + (1.7 * r / soft_px).exp());
+            let d = p - center;
+            let out = d.norm() - 150.0;
+            let stronger = 1.0 + 0.5 * (d.y.atan2(d.x) - side).cos();
+            let plate = PLATE * (1.0 - 0.06 * stronger * (-out.max(0.0) / 11.0).exp());
+            let burnt = plate + (BURNT - plate) * inside(out, soft_px);
+            burnt + (20.0 - burnt) * inside((d - offset_px).norm() - 30.0, 1.5)
+        }))
+        .unwrap();
+        let off_mm = off_mm(&found, offset_px);
+        let u95_mm = found.report.offset.distance_u95_mm;
+        // A twentieth of a pixel; taken for edge the tint moves it by three times as much.
+        assert!(off_mm < u95_mm && off_mm < 0.001, "{side}: off by {off_mm} ± {u95_mm}");
+    }
+}
+
 /// A fainter circle about ripples is no burn either.
 #[test]
 fn a_halo_about_ripples_is_no_burn() {

@@ -4,6 +4,8 @@ use std::collections::HashSet;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 
+use serde_json::{Map, Value};
+
 use super::burns::{self, Burnt};
 use crate::error::{Error, Result};
 use crate::frame::named;
@@ -35,11 +37,13 @@ pub struct Item {
     pub calib: Option<PathBuf>,
     /// How a burn was made, where the manifest tells.
     pub(super) burnt: Burnt,
+    /// The manifest's columns of the user's own (`x_serial`), for the results.
+    pub(super) own: Map<String, Value>,
 }
 
 impl Item {
     fn new(name: String, path: PathBuf) -> Self {
-        Self { name, path, calib: None, burnt: Burnt::new() }
+        Self { name, path, calib: None, burnt: Burnt::new(), own: Map::new() }
     }
 }
 
@@ -191,9 +195,21 @@ fn manifest(path: &Path, kind: Kind) -> Result<Vec<Item>> {
             }
             let calib =
                 Some(table.text(row, "calib")).filter(|c| !c.is_empty()).map(|c| base.join(c));
-            Ok(Item { path: base.join(&name), name, calib, burnt: burns::made(&table, row)? })
+            let own = table.names().iter().filter(|name| name.starts_with("x_"));
+            let own = own.map(|name| (name.clone(), word(table.text(row, name)))).collect();
+            let burnt = burns::made(&table, row)?;
+            Ok(Item { path: base.join(&name), name, calib, burnt, own })
         })
         .collect()
+}
+
+/// A cell as results hold it: what can be written back the same way as a whole number is one, the rest is text.
+fn word(cell: &str) -> Value {
+    match cell.parse::<i64>() {
+        Ok(number) if number.to_string() == cell => number.into(),
+        _ if cell.is_empty() => Value::Null,
+        _ => cell.into(),
+    }
 }
 
 #[cfg(test)]

@@ -20,7 +20,7 @@ mod watch;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use serde_json::{Value, json};
 
@@ -118,7 +118,9 @@ fn run_with(
     create_folder(out)?;
     // Whoever holds the journal says what the folder is for: two batches begun at once would mix their jobs.
     is_ours_to_fill(out)?;
-    let mut journal = Journal::open(out.join("results.jsonl"), || claim(options, identity))?;
+    let results = out.join("results.jsonl");
+    let until = std::fs::metadata(&results).and_then(|m| m.modified()).ok();
+    let mut journal = Journal::open(&results, || claim(options, identity))?;
     let overlays = out.join(run::OVERLAYS);
     if identity["job"]["overlay"] == true {
         create_folder(&overlays)?;
@@ -139,6 +141,7 @@ fn run_with(
         }
         None => {
             let items = input::list(&options.input, kind)?;
+            replaced(&items, &journal, until).into_iter().for_each(meanwhile.say);
             measure_all(&pending(&items, &journal))?;
             items
         }
@@ -146,7 +149,6 @@ fn run_with(
     let summary = finish(&items)?;
     let mut journal = journal.into_inner().unwrap_or_else(PoisonError::into_inner);
     let lines = summary::sorted(options, &items, &journal);
-    let results = out.join("results.jsonl");
     write_streamed(&results, |file| {
         use std::io::Write;
         let mut sink = std::io::BufWriter::new(file);
@@ -182,6 +184,22 @@ pub fn rows(folder: &Path) -> Result<impl Iterator<Item = Result<Value>>> {
             )
         })
     }))
+}
+
+/// A word on pictures that are newer than their results.
+fn replaced(items: &[Item], journal: &Mutex<Journal>, until: Option<SystemTime>) -> Option<String> {
+    let (journal, until) = (lock(journal), until?);
+    let changed = |item: &&Item| {
+        journal.entries().contains_key(&item.name)
+            && std::fs::metadata(&item.path).and_then(|m| m.modified()).is_ok_and(|t| t > until)
+    };
+    let mut newer = items.iter().filter(changed);
+    let first = newer.next()?;
+    Some(format!(
+        "warning: {} of the pictures measured before ({}, for one) have changed since: their rows are of what was there then; measure them in another --out",
+        1 + newer.count(),
+        first.name
+    ))
 }
 
 fn lock(journal: &Mutex<Journal>) -> std::sync::MutexGuard<'_, Journal> {

@@ -109,7 +109,7 @@ fn row(item: &Item, measured: Measured) -> (String, Option<Verdict>) {
         let names = measured.overlays.iter().map(|(name, _)| format!("{OVERLAYS}/{name}"));
         row.insert("overlays".into(), names.collect());
     }
-    for (key, value) in result {
+    for (key, value) in item.own.clone().into_iter().chain(result) {
         row.entry(key).or_insert(value);
     }
     (Value::Object(row).to_string(), verdict)

@@ -134,6 +134,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let summary = batch::run(&job, &options, meanwhile)?;
     bar.end();
     doubts(&summary).iter().for_each(|w| global.say(format!("warning: {w}")));
+    failures(&summary).iter().for_each(|line| global.note(line));
     let json = told(&summary);
     let status = match &summary {
         s if s.failed + s.left > 0 => Status::SomeFailed,
@@ -242,20 +243,22 @@ fn text(s: &Summary) -> String {
             );
         }
     }
-    if !s.failures.is_empty() {
-        text.push('\n');
-    }
-    for failure in &s.failures {
-        let _ = writeln!(text, "FAILED {}: {}", failure.image, failure.reason);
-    }
-    if s.failed > s.failures.len() {
-        let _ = writeln!(text, "… and {} more, in the tables", s.failed - s.failures.len());
+    let failures = failures(s);
+    if !failures.is_empty() {
+        let _ = writeln!(text, "\n{}", failures.join("\n"));
     }
     text.push('\n');
     for file in &s.files {
         let _ = writeln!(text, "wrote {}", file.display());
     }
     text
+}
+
+/// What was not measured, a line each.
+fn failures(s: &Summary) -> Vec<String> {
+    let named = s.failures.iter().map(|f| format!("FAILED {}: {}", f.image, f.reason));
+    let more = s.failed.saturating_sub(s.failures.len());
+    named.chain((more > 0).then(|| format!("… and {more} more, in the tables"))).collect()
 }
 
 /// The progress line: rewritten in place on a terminal, a new line every ten seconds elsewhere.

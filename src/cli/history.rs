@@ -6,7 +6,7 @@ use std::str::FromStr;
 
 use serde_json::Value;
 
-use super::{Global, Outcome, result, rows};
+use super::{Global, Outcome, Status, result, rows};
 use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
@@ -40,6 +40,9 @@ pub struct Args {
     /// Write history.svg to DIR: every followed value over time with its interval and limit
     #[arg(long, value_name = "DIR")]
     plot: Option<PathBuf>,
+    /// End with exit code 1 where a followed value drifts
+    #[arg(long)]
+    check: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -133,7 +136,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     for drift in &output.drift {
         let _ = writeln!(text, "warning: drift: {}", drift.text);
     }
-    Ok(Outcome::good(Document { json, rows, table: text }))
+    let drifts = args.check && !output.drift.is_empty();
+    let status = if drifts { Status::OutOfTolerance } else { Status::Good };
+    Ok(Outcome { document: Some(Document { json, rows, table: text }), status })
 }
 
 /// The followed values of one record on one line.

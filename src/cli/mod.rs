@@ -280,10 +280,19 @@ fn seconds(option: &str, s: f64) -> Result<Duration> {
 
 /// Whether the command's result goes into the records.
 fn is_kept(command: &Command) -> bool {
-    use Command::{Completions, Config, History, Man, Regress, Report, Schema};
+    use Command::{Completions, Config, Demo, History, Man, Regress, Render, Report, Schema};
+    // What is only made, or tells of results that are kept, is no measurement.
     !matches!(
         command,
-        Completions(_) | Config(_) | History(_) | Man(_) | Regress(_) | Report(_) | Schema(_)
+        Completions(_)
+            | Config(_)
+            | Demo(_)
+            | History(_)
+            | Man(_)
+            | Regress(_)
+            | Render(_)
+            | Report(_)
+            | Schema(_)
     )
 }
 

@@ -214,8 +214,8 @@ impl Fitter<'_> {
     pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
         let start = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
         let (model, residual, tangent, noise) = self.fit_once(model, &start, MOST_STEPS);
-        // Without shared parts the weights do not depend on the noise: once is enough.
-        let (model, residual, tangent, noise) = match noise.ratios.is_empty() {
+        // Where the weights were those of this noise, once is enough.
+        let (model, residual, tangent, noise) = match noise.weighs_as(&start) {
             true => (model, residual, tangent, noise),
             false => self.fit_once(model, &noise, MORE_STEPS),
         };

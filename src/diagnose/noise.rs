@@ -373,6 +373,16 @@ impl Space {
 }
 
 impl Noise {
+    /// Whether observations weigh about as they do with another noise: nothing is shared, and the outputs' noises are to each other as there.
+    pub fn weighs_as(&self, other: &Self) -> bool {
+        const ABOUT: f64 = 0.05;
+        let parts = |noise: &Self| -> Vec<f64> {
+            noise.sigma_mm.iter().map(|s| s / noise.sigma_mm[0]).collect()
+        };
+        let mut both = parts(self).into_iter().zip(parts(other));
+        self.ratios.is_empty() && both.all(|(a, b)| (a / b - 1.0).abs() < ABOUT)
+    }
+
     /// The same noise for a space without the rim: its form counts as noise of every point.
     pub fn without_rim(&self, space: &Space) -> Self {
         let mut noise = self.clone();

@@ -28,11 +28,13 @@ pub struct Options {
     pub least_gain: f64,
     /// A sector that fits worse than this many times the median variance is not used.
     pub worst_fit: f64,
+    /// Whether what fades beside the edge may be stronger on one side of the contour, as heat tint is.
+    pub tinted: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { rounds: 4, least_gain: 0.3, worst_fit: 25.0 }
+        Self { rounds: 4, least_gain: 0.3, worst_fit: 25.0, tinted: false }
     }
 }
 

@@ -181,7 +181,8 @@ impl<'a> Rounds<'a> {
     /// Holds the sectors' parameters in the next round by what they were in this one.
     pub(super) fn hold_sectors(&mut self, round: usize) {
         let (matches, alive) = (&self.matches, &self.alive);
-        update_priors(round, &mut self.priors, matches, alive, &self.curve, self.range);
+        let once_more = round == 1 && self.options.tinted && !self.noise.is_correlated();
+        update_priors(round, once_more, &mut self.priors, matches, alive, &self.curve, self.range);
         if self.noise.is_correlated() && !self.closed {
             // A tail of an arc's own sector would be texture, which the noise has already: only the tails' slow curve is left. Round a closed
             // contour what fades on one side must be followed, and what texture does to both sides cancels from the centre.
@@ -242,9 +243,17 @@ fn spread_of(template: &Template) -> f64 {
     hi - lo
 }
 
+/// Of values about their mean.
+fn variance(values: &[f64]) -> f64 {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n
+}
+
 /// Priors for the next round: curves through levels and gains, as wide as these scatter beyond their noise.
 fn update_priors(
     round: usize,
+    once_more: bool,
     priors: &mut [Prior],
     matches: &[Match],
     alive: &[f64],
@@ -254,12 +263,20 @@ fn update_priors(
     let of = |f: fn(&Match) -> f64| matches.iter().map(f).collect::<Vec<f64>>();
     let (levels, level_sd) = curve.fit(&of(|m| m.level), alive);
     let (gains, gain_sd) = curve.fit(&of(|m| m.gain), alive);
+    let usual_tail = median(&of(|m| m.tail), alive);
+    let (tails, tail_sd) = curve.fit(&of(|m| m.tail), alive);
+    // The first round has no tails: what fades on one side has bent levels and gains there. Where that shows beside pixel noise alone, they are
+    // found once more together.
+    let together = once_more && variance(&tails) > 0.0;
+    let bent = |curve: &[f64]| if together { variance(curve) } else { 0.0 };
     let beyond = |sd: f64, noise: f64, least: f64| {
         (sd * sd - noise).max(0.1 * noise.min(sd * sd)).max(least)
     };
     let level_variance =
-        beyond(level_sd, median(&of(|m| m.level_variance), alive), (1e-4 * range).powi(2));
-    let gain_variance = beyond(gain_sd, median(&of(|m| m.gain_variance), alive), 1e-8);
+        beyond(level_sd, median(&of(|m| m.level_variance), alive), (1e-4 * range).powi(2))
+            + bent(&levels);
+    let gain_variance =
+        beyond(gain_sd, median(&of(|m| m.gain_variance), alive), 1e-8) + bent(&gains);
     let stretches = of(|m| m.stretch);
     let (_, stretch_sd, _) = curve.fit_order(0, &stretches, alive);
     // The first round has no stretch: a common profile must exist before sectors can differ from it.
@@ -268,9 +285,7 @@ fn update_priors(
     } else {
         beyond(stretch_sd, median(&of(|m| m.stretch_variance), alive), 1e-6)
     };
-    let usual_tail = median(&of(|m| m.tail), alive);
-    let (tails, tail_sd) = curve.fit(&of(|m| m.tail), alive);
-    let tail_variance = if round == 0 {
+    let tail_variance = if round == 0 || together {
         0.01 * range * range
     } else {
         beyond(tail_sd, median(&of(|m| m.tail_variance), alive), (LEAST_TAIL * range).powi(2))

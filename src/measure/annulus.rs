@@ -6,7 +6,7 @@ use crate::frame::Frame;
 use crate::measure::bands::{self, is_as_clear, is_concentric};
 use crate::measure::concentric;
 use crate::measure::dirt;
-use crate::measure::expected::{around, measure_candidate};
+use crate::measure::expected::around;
 use crate::measure::limits::{Limits, glow};
 use crate::measure::points::SHARP_PX;
 use crate::measure::polygon::is_polygon;
@@ -175,7 +175,8 @@ pub(super) fn measure(
     let mut others = edges.to_vec();
     others.push(spot);
     let is_round = |ring: &Ring| RING.allow(ring, view) && !is_polygon(ring) && !is_texture(ring);
-    let found = measure_candidate(frame, view, outer, &others).filter(is_round);
+    let (rough, search) = around(view, outer, &others);
+    let found = ring::measure(frame, view, rough, search.tinted(), None).filter(is_round);
     let ring = found.filter(|ring| !strayed(ring, outer, view)).ok_or(Flaw::Other)?;
     if !limits(&ring).trust(&ring) {
         return Err(Flaw::Unsure);
@@ -185,7 +186,7 @@ pub(super) fn measure(
         // Inside an annulus the spot's edge may be the stronger one.
         let clear_px = spot::clear_px(&c.circle, &spot.circle, spot.softness_px);
         search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
-        ring::measure(frame, view, rough, search, None)
+        ring::measure(frame, view, rough, search.tinted(), None)
     };
     let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
         let is_inner = (INNER.start..0.98).contains(&(inner.circle.radius / ring.circle.radius));

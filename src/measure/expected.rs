@@ -247,6 +247,7 @@ impl Picture<'_> {
             inside_limit_px: search.inside_limit_px.min(half_px),
             outside_limit_px: search.outside_limit_px.min(half_px),
             softness_px: search.softness_px.min(0.25 * apart_px),
+            ..search
         };
         let [first, second] = edges;
         [(first, second), (second, first)].into_iter().find_map(|(edge, other)| {
@@ -341,7 +342,7 @@ fn rivals(other: &Candidate, c: &Candidate) -> bool {
 }
 
 /// Measures a circle that was found, keeping clear of its concentric neighbours.
-pub(super) fn measure_candidate(
+fn measure_candidate(
     frame: &Frame,
     view: &View,
     candidate: &Candidate,
@@ -378,6 +379,7 @@ pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -
         inside_limit_px: inside,
         outside_limit_px: outside,
         softness_px: candidate.softness_px.max(1.0),
+        tinted: false,
     };
     (Circle { center, radius }, search)
 }

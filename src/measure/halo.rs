@@ -28,6 +28,7 @@ impl Inside<'_> {
                 inside_limit_px: 0.95 * radius_px,
                 outside_limit_px: 0.8 * radius_px + 3.0,
                 softness_px: 1.5,
+                tinted: false,
             };
             ring::measure(self.frame, self.view, rough, search, Some(&self.ring.wander))
         };

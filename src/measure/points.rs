@@ -25,9 +25,16 @@ pub struct Search {
     pub outside_limit_px: f64,
     /// Softness of the edge (standard deviation), roughly.
     pub softness_px: f64,
+    /// Whether heat may have tinted the surface beside it, more on one side than on the other, as beside what is burnt.
+    pub tinted: bool,
 }
 
 impl Search {
+    /// The same beside a mark that is burnt.
+    pub(super) fn tinted(self) -> Self {
+        Self { tinted: true, ..self }
+    }
+
     /// The same no farther than some softnesses from the edge, where a glare, a gap or dirt beside it leads astray.
     pub(super) fn nearby(self, softnesses: f64) -> Self {
         let side_px = softnesses * self.softness_px + self.reach_px;
@@ -136,10 +143,15 @@ fn sectors_for(length_px: f64, softness_px: f64, most: usize) -> usize {
 }
 
 /// The edges of these profiles. Faint ones need wider sectors: a point must be surer than the edge is soft.
-fn located(mut profiles: Profiles, contour: &Contour, effort: Effort) -> Option<Located> {
+fn located(
+    mut profiles: Profiles,
+    contour: &Contour,
+    effort: Effort,
+    tinted: bool,
+) -> Option<Located> {
     // Gain, stretch and the common flank look much alike: they part slowly.
     let rounds = effort.rounds * if profiles.hidden.is_some() { 4 } else { 1 };
-    let options = LocateOptions { rounds, ..LocateOptions::default() };
+    let options = LocateOptions { rounds, tinted, ..LocateOptions::default() };
     let mut best = None;
     loop {
         let located = locate(&profiles, contour.closed, options);
@@ -177,7 +189,7 @@ pub(super) fn edge_points(
     let clip = profiles.clip();
     // Of a flank that goes on behind a clip the light's slope is in the sectors' gains. Only a lens's flank is known to be symmetric.
     let flanks = if softness < SHARP_PX { hide(&profiles) } else { None };
-    let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort));
+    let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort, search.tinted));
     let of_flank = of_flanks.is_some();
     let (edges, sides) = match of_flanks {
         Some(edges) => (edges, [None; 2]),
@@ -188,7 +200,7 @@ pub(super) fn edge_points(
             if let Some(per_px) = light.or_else(|| own().map(|slope| slope.per_px)) {
                 flatten(&mut profiles, &contour, per_px);
             }
-            (located(profiles, &contour, effort)?, seen.by_side())
+            (located(profiles, &contour, effort, search.tinted)?, seen.by_side())
         }
     };
     let mut points = Points {

@@ -283,6 +283,8 @@ impl Inside<'_> {
             inside_limit_px: 0.95 * c.radius,
             outside_limit_px: clear_px.clamp(0.4 * c.radius + 4.0, 4.0 * c.radius),
             softness_px: spot.softness_px.max(1.5),
+            // It lies on what is burnt already.
+            tinted: false,
         };
         (rough, search)
     }

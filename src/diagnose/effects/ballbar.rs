@@ -155,6 +155,21 @@ fn backlash(l: &mut L, data: &Columns) {
     term(l, one("width_deg", 0.01), |data, p, row| {
         swung(data, row, -0.5 * data.get("dir")[row] * p[0].to_radians())
     });
+    // Play is taken up over the first of the way back, where rows are near enough to the turn to show it.
+    let taken_up_deg = [0.5, 1.0, 2.0, 4.0];
+    let on_the_way = since_turn_deg(data).iter().filter(|d| **d < taken_up_deg[3]).count();
+    if on_the_way >= 3 {
+        // It pays by its own parameter: the plain form costs no more for it.
+        l.beforehand(std::f64::consts::LN_2);
+        let play =
+            vec![one("width_deg", 0.01), vec![Parameter::shape("taken_up_deg", &taken_up_deg)]];
+        l.form(play.concat(), |data, p, errors| {
+            for (row, (e, way_deg)) in errors.iter_mut().zip(since_turn_deg(data)).enumerate() {
+                let taken = 2.0 * (way_deg / p[1]).min(1.0) - 1.0;
+                *e += swung(data, row, -0.5 * taken * data.get("dir")[row] * p[0].to_radians());
+            }
+        });
+    }
     l.effect(
         Words {
             varies_with: &["z_mm"],
@@ -250,6 +265,26 @@ fn servo(l: &mut L, data: &Columns) {
             e.z += p[0] * speed_rad_s * slope_mm(data, row);
         }
     });
+}
+
+/// How far B has gone in every row since it last turned back, degrees; infinite before it ever did. Rows stand in the order of the run.
+fn since_turn_deg(data: &Columns) -> Vec<f64> {
+    let (b_deg, dir) = (data.get("b_deg"), data.get("dir"));
+    let mut way_deg = vec![f64::INFINITY; b_deg.len()];
+    if dir.len() < b_deg.len() {
+        return way_deg;
+    }
+    for series in 0..data.series_names.len() {
+        let mut turn_deg = None;
+        for pair in data.rows_of(series).windows(2) {
+            let [before, row] = [pair[0], pair[1]];
+            if dir[before] * dir[row] < 0.0 {
+                turn_deg = Some(b_deg[before]);
+            }
+            way_deg[row] = turn_deg.map_or(f64::INFINITY, |turn: f64| (b_deg[row] - turn).abs());
+        }
+    }
+    way_deg
 }
 
 /// How fast B moves in every row, from its nearest neighbour in time that goes the same way.

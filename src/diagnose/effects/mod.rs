@@ -13,6 +13,9 @@ pub mod thermal_columns;
 
 use std::collections::BTreeMap;
 
+use nalgebra::DMatrix;
+
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Active, EffectInfo, Parameter, Untestable};
 
 /// The names of all kinds' effects: one that stands here is another kind's, one that nearly does is misspelt.
@@ -122,6 +125,32 @@ fn cycle(waves: usize, typical_mm: f64, pitches_mm: &[f64]) -> Vec<Parameter> {
     let names = ["cos_mm", "sin_mm", "cos2_mm", "sin2_mm"];
     let linear = names[..2 * waves].iter().map(|name| Parameter::linear(*name, typical_mm));
     linear.chain([Parameter::shape("pitch_mm", pitches_mm)]).collect()
+}
+
+/// Different places along an axis, in order; nearer ones than `apart_mm` are one.
+fn levels(mut places_mm: Vec<f64>, apart_mm: f64) -> Vec<f64> {
+    places_mm.sort_by(f64::total_cmp);
+    places_mm.dedup_by(|next, kept| *next - *kept < apart_mm);
+    places_mm
+}
+
+/// Whether a cycle of such a pitch shows at these places: its cosine and sine beside a constant and a slope, in every phase.
+fn tells_cycle(places_mm: &[f64], pitch_mm: f64) -> bool {
+    /// Places that a constant, a slope and a cycle need at least.
+    const FEWEST: usize = 5;
+    /// Part of a full cycle's square that has to be left in its weakest phase.
+    const LEAST: f64 = 0.1;
+    let n = places_mm.len();
+    if n < FEWEST {
+        return false;
+    }
+    let turn = |row: usize| std::f64::consts::TAU * places_mm[row] / pitch_mm;
+    let line = DMatrix::from_fn(n, 2, |row, c| if c == 0 { 1.0 } else { places_mm[row] });
+    let basis = orthonormal(&line, 1e-9);
+    let wave = DMatrix::from_fn(n, 2, |r, c| if c == 0 { turn(r).cos() } else { turn(r).sin() });
+    let left = &wave - &basis * basis.tr_mul(&wave);
+    let squares = left.tr_mul(&left).symmetric_eigenvalues();
+    squares.min() > LEAST * 0.5 * n as f64
 }
 
 /// The error with such parameters at a place along the axis, mm. A pitch longer than `longest_mm` is not seen as a cycle.

@@ -8,7 +8,8 @@ use nalgebra::Vector2;
 
 use crate::diagnose::data::rod::Rod;
 use crate::diagnose::effects::{
-    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, rod_camera, rod_slow, words,
+    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, levels, rod_camera, rod_slow,
+    tells_cycle, words,
 };
 use crate::diagnose::experiment::Parameter;
 
@@ -127,21 +128,27 @@ fn axis_effects(l: &mut L, data: &Rod) {
             data.needs(&[column]),
         );
         let travel = data.travel_mm(axis);
-        // A pitch longer than the travel is seen as a bend, no cycle; one shorter than the places' spacing cannot be told.
+        // A pitch longer than the travel is seen as a bend, no cycle.
         let longest = 1.2 * travel;
-        let pitches: Vec<f64> =
-            [1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0]
-                .into_iter()
-                .filter(|p| *p < longest)
-                .collect();
+        let mut pitches =
+            vec![1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0, 5.0, 6.3, 8.0, 10.0, 12.5, 16.0, 20.0];
+        pitches.retain(|p| *p < longest);
+        let short = pitches.is_empty();
+        let places = levels(data.place.iter().map(|p| p[axis]).collect(), 0.01 * travel);
+        pitches.retain(|p| tells_cycle(&places, *p));
         if pitches.is_empty() {
             if let Some(info) = l.infos.last_mut() {
-                info.untestable = Some("the travel is shorter than a screw pitch".into());
+                info.untestable = Some(match short {
+                    true => "the travel is shorter than a screw pitch".into(),
+                    false => {
+                        "too few places along the axis, or evenly spaced ones, tell no cycle".into()
+                    }
+                });
             }
             continue;
         }
         l.beforehand(PURE_WAVE);
-        for waves in 1..=CYCLE_WAVES {
+        for waves in (1..=CYCLE_WAVES).filter(|waves| places.len() >= 3 * waves + 2) {
             l.form(cycle(waves, SIZE, &pitches), move |data, p, errors| {
                 for (e, place) in errors.iter_mut().zip(&data.place) {
                     e.place[axis] += cycle_mm(p, place[axis], longest);

@@ -62,6 +62,7 @@ pub(super) fn follow<'f>(
                     inside_limit_px,
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
+                    tinted: false,
                 };
                 let mut points = edge_points(frame, view, rough, search, effort, slope)?;
                 points.move_to_rim(rough.center);
