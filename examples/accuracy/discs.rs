@@ -186,6 +186,7 @@ fn measure(cell: &Cell, seed: u64) -> Option<(Vector2<f64>, f64, usize)> {
         inside_limit_px: 0.9 * radius_px,
         outside_limit_px: 30.0 + 4.0 * blur_px,
         softness_px: 2.0,
+        tinted: false,
     };
     let ring = ring::measure(&frame, &view, rough, search, None)?;
     let error = ring.circle.center - truth;

@@ -61,6 +61,9 @@ pub struct Watch {
     pub idle: Option<Duration>,
 }
 
+/// The rows of a batch, one after another.
+pub type Rows<'r> = &'r mut dyn Iterator<Item = Result<Value>>;
+
 /// What a batch tells and is told while it runs.
 #[derive(Clone, Copy)]
 pub struct Meanwhile<'m> {
@@ -69,7 +72,7 @@ pub struct Meanwhile<'m> {
     /// Called with what a user should know.
     pub say: &'m dyn Fn(String),
     /// Called with all rows when the tables are up to date: at the end, and after each burst of pictures in a watched folder.
-    pub summary: &'m dyn Fn(&Summary, &mut dyn Iterator<Item = Result<Value>>) -> Result<()>,
+    pub summary: &'m dyn Fn(&Summary, Rows) -> Result<()>,
     /// Set by whoever wants an early end: what is being measured is finished, the rest is left.
     pub stop: &'m AtomicBool,
 }

@@ -12,7 +12,7 @@ use serde_json::Value;
 
 use super::history::{self, Taken};
 use super::{Global, Outcome, Status, complain, result, seconds};
-use crate::batch::{self, Job, Meanwhile, Options, Progress, Summary, Watch, input};
+use crate::batch::{self, Job, Meanwhile, Options, Progress, Rows, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
@@ -120,7 +120,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         result("batch", &args.input, &doubts(summary), &done)
     };
     let summary_path = options.out.join("summary.json");
-    let done = |summary: &Summary, rows: &mut dyn Iterator<Item = Result<Value>>| {
+    let done = |summary: &Summary, rows: Rows| {
         write_whole(&summary_path, format!("{:#}\n", told(summary)).as_bytes())?;
         keep(args, &job, &options.out, rows, global);
         Ok(())

@@ -161,8 +161,7 @@ fn backlash(l: &mut L, data: &Columns) {
     if on_the_way >= 3 {
         // It pays by its own parameter: the plain form costs no more for it.
         l.beforehand(std::f64::consts::LN_2);
-        let play =
-            vec![one("width_deg", 0.01), vec![Parameter::shape("taken_up_deg", &taken_up_deg)]];
+        let play = [one("width_deg", 0.01), vec![Parameter::shape("taken_up_deg", &taken_up_deg)]];
         l.form(play.concat(), |data, p, errors| {
             for (row, (e, way_deg)) in errors.iter_mut().zip(since_turn_deg(data)).enumerate() {
                 let taken = 2.0 * (way_deg / p[1]).min(1.0) - 1.0;
