@@ -310,3 +310,56 @@ fn the_way_back_repeats_the_way_there() {
     let (report, _) = diagnose("ballbar", &csv, Some(("--model", BAR)), &[]);
     assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
 }
+
+/// A machine that did not stand where the table says for one of 40 captures: the capture is set aside as a whole, and nothing is said of the rest.
+#[test]
+fn a_capture_that_lies_apart_as_a_whole_is_no_effect() {
+    let mut normal = normal(21);
+    let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,u_px,v_px\n");
+    for k in 0..40_i32 {
+        let place = [k * 7 % 40, k * 11 % 40].map(|n| f64::from(n) * 0.05 - 1.0);
+        let slip = if k == 17 { 0.012 } else { 0.0 };
+        let off = [0, 1].map(|_| slip + 0.0004 * normal());
+        for p in 0..12 {
+            let (sin, cos) = f64::from(p * 30).to_radians().sin_cos();
+            let r = 2.0 + 0.0005 * normal();
+            let at = [r * cos - place[0] + off[0], r * sin - place[1] + off[1]];
+            let (u, v) = (at[0] / 0.008 + 800.0, -at[1] / 0.008 + 600.0);
+            let c = k * 13 % 40 * 9;
+            writeln!(csv, "{k},{:.4},{:.4},{c},{},{u:.4},{v:.4}", place[0], place[1], 30 * k)
+                .unwrap();
+        }
+    }
+    let calib = Some(("--calib", "schema = 1\n[scale]\nmm_per_px = 0.008\n"));
+    let (report, words) = diagnose("rod", &csv, calib, &[]);
+    assert_eq!(report["verdict"], "consistent", "{}{}", report["effects"], report["unnamed"]);
+    let gone: Vec<u64> = (204..216).collect();
+    assert_eq!(report["outliers"], serde_json::json!(gone));
+    assert!(words.contains("begin at row 205"), "{words}");
+}
+
+/// Where no cup lies in the plane of motion its distance from that and the bar's length are one: effects are seen all the same.
+#[test]
+fn a_ball_bar_beside_the_plane_shows_what_is_wrong() {
+    let mut normal = normal(5);
+    let machine = "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 400.0\n";
+    let mut csv = String::from("b_deg,length_mm,z_mm,path,dir\n");
+    for turn in 0..4 {
+        for i in 0..=60 {
+            let (way, b) =
+                if turn % 2 == 0 { (-1.0, -f64::from(i)) } else { (1.0, f64::from(i) - 60.0) };
+            let b_rad = b.to_radians();
+            // Z keeps the bar's length: the tool goes round a cup 400 mm below and 150 mm beside.
+            let z = 800.0 * (b_rad.cos() - 1.0);
+            let real = b_rad - way * 0.0015_f64.to_radians();
+            let tool = [-400.0 * real.sin(), -400.0 * real.cos() + z];
+            let length = tool[0].hypot(tool[1] + 800.0).hypot(150.0);
+            writeln!(csv, "{b},{:.6},{z:.6},zb-y150,{way}", length + 0.001 * normal()).unwrap();
+        }
+    }
+    let (report, _) = diagnose("ballbar", &csv, Some(("--model", machine)), &[]);
+    let effect = &report["effects"][0];
+    let rivals = effect["confusable_with"].as_array().into_iter().flatten();
+    let names: Vec<&Value> = rivals.chain([&effect["name"]]).collect();
+    assert!(names.iter().any(|name| **name == "b-backlash"), "{report:#}");
+}

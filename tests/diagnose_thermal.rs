@@ -92,14 +92,16 @@ fn what_one_axis_does_alone_gets_no_name_but_its_axis() {
     }
 }
 
-/// A run that starts warm, its screw's slope zero at 20 °C: an error in the cold state is no other zero of the screw.
+/// A run that starts warm, its screw's slope zero at 20 °C: an error in the cold state is no other zero of the screw, nor is it
+/// a channel's to which nothing is connected.
 #[test]
 fn a_constant_is_named_where_the_run_starts_warm() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let mut normal = normal();
-    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+    let mut csv =
+        String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c,head_3_c\n");
     for k in 0..25 {
         let t = 600.0 * f64::from(k);
         let (h1, h2) = (8.0 * (1.0 - (-t / 3000.0).exp()), 4.0 * (t / 4000.0).sin());
@@ -107,13 +109,14 @@ fn a_constant_is_named_where_the_run_starts_warm() {
         for place in [0.0, 200.0, 400.0, 600.0, 800.0] {
             let error = 0.004 * h1 - 0.002 * h2 + (screw - 20.0) * (1.1e-5 * place - 0.003);
             let error = error + 0.03 + 0.001 * normal();
-            writeln!(csv, "{t},x,{place},{error:.6},{screw:.3},{h1:.3},{h2:.3}").unwrap();
+            writeln!(csv, "{t},x,{place},{error:.6},{screw:.3},{h1:.3},{h2:.3},5.000").unwrap();
         }
     }
     std::fs::write(folder.join("data.csv"), csv).unwrap();
     let report = diagnose("thermal", folder);
     assert_eq!(report["verdict"], "named", "{report:#}");
     assert_eq!(report["effects"][0]["name"], "head-constant");
+    assert!(report["warnings"].to_string().contains("head_3_c never changes"), "{report:#}");
 }
 
 /// A head warms and cools twice; one of two sensors, slower than the other, stops when it has begun to cool. What it misses is told by how

@@ -95,9 +95,10 @@ pub struct Located {
 pub fn locate(profiles: &Profiles, closed: bool, options: Options) -> Option<Located> {
     let mut rounds = Rounds::new(profiles, closed, options)?;
     let mut learnt = false;
-    for round in 0..options.rounds {
+    for round in 0.. {
         // Texture hides what one more round would change.
-        let last = round + 1 + usize::from(rounds.noise.is_correlated()) >= options.rounds;
+        let done = round + 1 + usize::from(rounds.noise.is_correlated());
+        let last = done >= options.rounds + rounds.more;
         let shape = Shape::of(&rounds.template);
         rounds.match_sectors(&shape, last);
         rounds.sort_out(round)?;

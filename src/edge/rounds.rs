@@ -27,6 +27,9 @@ const ENDED: f64 = 3.5;
 /// Least noise assumed, as a part of the step: clipped levels and rounding look perfect and are not.
 const LEAST_NOISE: f64 = 0.003;
 
+/// Rounds in which levels, gains and tails are found together, where tails have bent the others.
+const TOGETHER: usize = 3;
+
 /// Sectors below which there is no edge to speak of.
 const FEWEST: f64 = 6.0;
 
@@ -50,6 +53,8 @@ pub(super) struct Rounds<'a> {
     priors: Vec<Prior>,
     pub(super) matches: Vec<Match>,
     pub(super) noise: Noise,
+    /// Rounds that are needed besides.
+    pub(super) more: usize,
 }
 
 impl<'a> Rounds<'a> {
@@ -98,6 +103,7 @@ impl<'a> Rounds<'a> {
             far_px2,
             priors: vec![nothing; n],
             matches: Vec::new(),
+            more: 0,
         })
     }
 
@@ -181,8 +187,20 @@ impl<'a> Rounds<'a> {
     /// Holds the sectors' parameters in the next round by what they were in this one.
     pub(super) fn hold_sectors(&mut self, round: usize) {
         let (matches, alive) = (&self.matches, &self.alive);
-        let once_more = round == 1 && self.options.tinted && !self.noise.is_correlated();
-        update_priors(round, once_more, &mut self.priors, matches, alive, &self.curve, self.range);
+        let may_be_bent =
+            (1..=TOGETHER).contains(&round) && self.options.tinted && !self.noise.is_correlated();
+        let bent = update_priors(
+            round,
+            may_be_bent,
+            &mut self.priors,
+            matches,
+            alive,
+            &self.curve,
+            self.range,
+        );
+        if bent {
+            self.more = TOGETHER - 1;
+        }
         if self.noise.is_correlated() && !self.closed {
             // A tail of an arc's own sector would be texture, which the noise has already: only the tails' slow curve is left. Round a closed
             // contour what fades on one side must be followed, and what texture does to both sides cancels from the centre.
@@ -250,24 +268,25 @@ fn variance(values: &[f64]) -> f64 {
     values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n
 }
 
-/// Priors for the next round: curves through levels and gains, as wide as these scatter beyond their noise.
+/// Priors for the next round: curves through levels and gains, as wide as these scatter beyond their noise. Tells whether
+/// levels, gains and tails are to be found together.
 fn update_priors(
     round: usize,
-    once_more: bool,
+    may_be_bent: bool,
     priors: &mut [Prior],
     matches: &[Match],
     alive: &[f64],
     curve: &Curve,
     range: f64,
-) {
+) -> bool {
     let of = |f: fn(&Match) -> f64| matches.iter().map(f).collect::<Vec<f64>>();
     let (levels, level_sd) = curve.fit(&of(|m| m.level), alive);
     let (gains, gain_sd) = curve.fit(&of(|m| m.gain), alive);
     let usual_tail = median(&of(|m| m.tail), alive);
     let (tails, tail_sd) = curve.fit(&of(|m| m.tail), alive);
     // The first round has no tails: what fades on one side has bent levels and gains there. Where that shows beside pixel noise alone, they are
-    // found once more together.
-    let together = once_more && variance(&tails) > 0.0;
+    // found together.
+    let together = may_be_bent && variance(&tails) > 0.0;
     let bent = |curve: &[f64]| if together { variance(curve) } else { 0.0 };
     let beyond = |sd: f64, noise: f64, least: f64| {
         (sd * sd - noise).max(0.1 * noise.min(sd * sd)).max(least)
@@ -307,4 +326,5 @@ fn update_priors(
             tail: (if round == 0 { 0.0 } else { tails[s] - usual_tail }, tail_variance),
         };
     }
+    together
 }
