@@ -129,7 +129,7 @@ pub(super) fn written(
         failed,
         copies,
         gone: lines.len() - there,
-        left: items.len() - there,
+        left: if meanwhile.is_stopped() { items.len() - there } else { 0 },
         pass: verdict(Verdict::Pass),
         fail: verdict(Verdict::Fail),
         undecided: verdict(Verdict::Undecided),

@@ -1,5 +1,7 @@
 //! Errors of a machine that are numbers its control holds: entered there, they are gone.
 
+use std::collections::BTreeMap;
+
 use serde::Serialize;
 
 use super::{Effect, Machine};
@@ -64,12 +66,34 @@ pub fn entered(machine: &Machine) -> (Machine, Vec<Entered>) {
 
 /// Whether an effect is known well enough to be entered: its sizes together are more than what is not known of them.
 pub fn is_told(effect: &Effect) -> bool {
-    let size = |list: &mut dyn Iterator<Item = f64>| list.map(|v| v * v).sum::<f64>();
-    let unknown = size(&mut effect.parameters_u95.values().copied());
-    unknown <= size(&mut effect.parameters.values().copied())
+    let numbers = || NUMBERS.iter().filter(|(name, ..)| *name == effect.name);
+    let size = |of: &BTreeMap<String, f64>| {
+        numbers().filter_map(|(_, parameter, _)| of.get(*parameter)).map(|v| v * v).sum::<f64>()
+    };
+    size(&effect.parameters_u95) <= size(&effect.parameters)
 }
 
 /// Whether an effect is of that kind.
 pub fn is_entered(effect: &Effect) -> bool {
     effect.outputs.is_empty() && NUMBERS.iter().any(|(name, ..)| *name == effect.name)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_less_than_its_own_uncertainty_is_not_entered() {
+        let machine = |u95: f64| -> Machine {
+            let text = format!(
+                "schema = 1\n[head]\ndelta_x_mm = 0.0\nr_mm = 300.0\n[[effects]]\nname = \"pivot-length\"\n\
+                 parameters = {{ r_mm = 0.02, datum = 1.0 }}\nparameters_u95 = {{ r_mm = {u95} }}\n"
+            );
+            crate::tomlfile::parse(std::path::Path::new("m.toml"), &text).unwrap()
+        };
+        let (new, list) = entered(&machine(0.005));
+        assert!(new.effects.is_empty() && list.len() == 1 && new.head.r_mm == 300.02);
+        let (new, list) = entered(&machine(0.3));
+        assert!(new.effects.len() == 1 && list.is_empty() && new.head.r_mm == 300.0);
+    }
 }
