@@ -75,10 +75,12 @@ pub fn list(input: &str, kind: Kind) -> Result<Vec<Item>> {
     Ok(items)
 }
 
-/// Where an input is, however it is written and wherever it is seen from.
-pub(super) fn place(input: &str) -> PathBuf {
+/// Where an input is, however it is written and wherever it is seen from; names of a pattern's pictures begin as it is written.
+pub(super) fn place(input: &str) -> String {
     let whole = std::path::absolute(input).unwrap_or_else(|_| input.into());
-    identity(&whole.components().collect::<PathBuf>())
+    let place = identity(&whole.components().collect::<PathBuf>()).display().to_string();
+    let named_within = Path::new(input).is_dir() || named::ends_in(Path::new(input), &TABLES);
+    if named_within { place } else { format!("{place}, as {input}") }
 }
 
 /// Whether pictures may come yet where there are none: a pattern's, or a folder's that is there.
@@ -102,7 +104,7 @@ fn endings(kind: Kind) -> &'static [&'static str] {
 fn text(name: &OsStr) -> String {
     let mut told = String::new();
     for chunk in name.as_encoded_bytes().utf8_chunks() {
-        told.push_str(chunk.valid());
+        told.push_str(&chunk.valid().replace("\\x", "\\\\x"));
         chunk.invalid().iter().for_each(|byte| told.push_str(&format!("\\x{byte:02X}")));
     }
     told

@@ -3,7 +3,7 @@
 //! While a batch runs the lines stand in the order the results came in. A run that was killed, or that
 //! filled the disk, leaves at most one incomplete line at the end, which the next opening cuts off.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{BufRead, BufReader, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -137,6 +137,12 @@ impl Journal {
         self.entries.insert(name.to_owned(), entry);
         self.end += text.len() as u64;
         Ok(())
+    }
+
+    /// The names of what could not be measured.
+    pub fn failed(&self) -> HashSet<String> {
+        let failed = self.entries.iter().filter(|(_, entry)| entry.failed);
+        failed.map(|(name, _)| name.clone()).collect()
     }
 
     /// Forgets what the named items said, so that they are measured again.

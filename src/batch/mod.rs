@@ -90,7 +90,7 @@ pub fn run(job: &Job, options: &Options, meanwhile: Meanwhile) -> Result<Summary
         "schema": "pivotsight.batch-job/1",
         "version": env!("CARGO_PKG_VERSION"),
         "input": options.input,
-        "input_path": input::place(&options.input).display().to_string(),
+        "input_path": input::place(&options.input),
         "calib_sha256": prepared.calib_sha256(),
         "job": job,
         // Another batch in the same folder is another batch.

@@ -144,7 +144,8 @@ impl Gather {
     pub fn add(&mut self, row: &Value) {
         for (name, value) in crate::output::flatten(row) {
             let head = name.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('.');
-            let wanted = (head.ends_with("_mm") || head.ends_with("_deg"))
+            let wanted = !name.starts_with("x_")
+                && (head.ends_with("_mm") || head.ends_with("_deg"))
                 && !["u95", "tolerance", "limit", "expect"].iter().any(|w| head.contains(w));
             let Some(x) = value.as_f64().filter(|_| wanted) else { continue };
             let (n, mean, m2, min, max) = self.columns.entry(name).or_insert_with_key(|name| {

@@ -1,6 +1,6 @@
 //! A watched folder: its files are measured as they come, once they are complete; a camera may still be writing the others.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -28,10 +28,12 @@ pub(super) fn folder(
             other => other?,
         };
         // What failed half written is no failure once it has grown.
-        let grown: Vec<&str> = (items.iter().filter(|i| settling.has_changed_since(&i.path)))
+        let failed = lock(journal).failed();
+        let grown: HashSet<&str> = (items.iter())
+            .filter(|i| failed.contains(&i.name) && settling.has_changed_since(&i.path))
             .map(|i| i.name.as_str())
             .collect();
-        lock(journal).forget(|name, entry| entry.failed && grown.contains(&name));
+        lock(journal).forget(|name, _| grown.contains(name));
         let idle = watch.idle.is_some_and(|idle| last.elapsed() >= idle);
         let (mut ready, mut growing) = (Vec::new(), false);
         for item in pending(&items, journal) {
@@ -49,6 +51,7 @@ pub(super) fn folder(
             }
         }
         if !ready.is_empty() {
+            ready.iter().for_each(|item| settling.take(&item.path));
             measure(&ready, &items)?;
             last = Instant::now();
         } else if idle && !growing {
@@ -84,8 +87,8 @@ enum State {
 struct Settling {
     settle: Duration,
     seen: HashMap<PathBuf, Seen>,
-    /// How those were that were complete.
-    complete: HashMap<PathBuf, Stamp>,
+    /// How those were that were measured.
+    taken: HashMap<PathBuf, Stamp>,
 }
 
 /// A file's size and the time of its last change.
@@ -105,7 +108,7 @@ struct Seen {
 impl Settling {
     /// A file is complete when neither its size nor its time changed for `settle` and its format's end is there.
     fn new(settle: Duration) -> Self {
-        Self { settle, seen: HashMap::new(), complete: HashMap::new() }
+        Self { settle, seen: HashMap::new(), taken: HashMap::new() }
     }
 
     /// How far the file has come now. To be asked again and again.
@@ -130,15 +133,21 @@ impl Settling {
             let news = !std::mem::replace(&mut entry.told, true);
             return State::CutShort { news };
         }
-        self.seen.remove(path);
-        self.complete.insert(path.to_owned(), now);
         State::Complete
     }
 
-    /// Whether a file that was complete is no longer what it was.
+    /// Notes how a file is that is measured now.
+    fn take(&mut self, path: &Path) {
+        self.seen.remove(path);
+        if let Ok(meta) = std::fs::metadata(path) {
+            self.taken.insert(path.to_owned(), stamp(&meta));
+        }
+    }
+
+    /// Whether a file that was measured is no longer what it was.
     fn has_changed_since(&self, path: &Path) -> bool {
         let now = || std::fs::metadata(path).ok().map(|meta| stamp(&meta));
-        self.complete.get(path).is_some_and(|was| now().is_some_and(|now| now != *was))
+        self.taken.get(path).is_some_and(|was| now().is_some_and(|now| now != *was))
     }
 
     /// How long a file that is cut short is waited for.

@@ -4,14 +4,16 @@ use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::sync::Mutex;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use serde_json::Value;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use super::history::{self, Taken};
-use super::{Global, Outcome, Status, complain, result, seconds};
+use super::{Global, Outcome, Status, result, seconds};
 use crate::batch::{self, Job, Meanwhile, Options, Progress, Rows, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
@@ -129,7 +131,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         progress: &|p| bar.show(p),
         say: &|news| global.say(news),
         summary: &done,
-        stop: stopped_by_user(global.quiet),
+        stop: &stopped_by_user(),
     };
     let summary = batch::run(&job, &options, meanwhile)?;
     bar.end();
@@ -167,20 +169,17 @@ fn keep(
     history::told(global, kept);
 }
 
-/// Set by the first Ctrl-C, or the system's request to end; the second ends the program at once.
-fn stopped_by_user(quiet: bool) -> &'static AtomicBool {
-    static STOP: AtomicBool = AtomicBool::new(false);
+/// Set by the first Ctrl-C, or the system's request to end; the second ends the program at once. A terminal that is closed ends it as ever, unless
+/// it was told to go on (`nohup`).
+fn stopped_by_user() -> Arc<AtomicBool> {
     const INTERRUPTED: i32 = 130;
-    // Where the system has no such thing the program ends as it always did: a batch can be resumed.
-    let _ = ctrlc::set_handler(move || {
-        if STOP.swap(true, Ordering::Relaxed) {
-            std::process::exit(INTERRUPTED);
-        }
-        if !quiet {
-            complain("ending once what is being measured is done; the next time at once");
-        }
-    });
-    &STOP
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [SIGINT, SIGTERM] {
+        // Where the system has no such thing the program ends as it always did: a batch can be resumed.
+        let _ = flag::register_conditional_shutdown(signal, INTERRUPTED, Arc::clone(&stop));
+        let _ = flag::register(signal, Arc::clone(&stop));
+    }
+    stop
 }
 
 fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {

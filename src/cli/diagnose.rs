@@ -124,10 +124,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     if let (Some(machine), Some(_)) = (&machine, &args.model) {
         let named = |e: &Entered| report.effects.iter().any(|n| n.name == e.effect);
         report.in_the_control = entered(machine).1.into_iter().filter(named).collect();
-        let told = machine.effects.iter().filter(|e| is_entered(e) && !is_told(e));
-        warnings.extend(told.map(|e| {
+        let found = |name: &str| report.effects.iter().any(|n| n.name == name);
+        let untold =
+            machine.effects.iter().filter(|e| found(&e.name) && is_entered(e) && !is_told(e));
+        warnings.extend(untold.map(|e| {
             format!(
-                "{} is less than its own uncertainty: nothing to enter into the control yet; more captures tell its size",
+                "{} is less than its own uncertainty: nothing to enter into the control yet; more readings tell its size",
                 e.name
             )
         }));

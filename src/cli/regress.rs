@@ -85,8 +85,7 @@ fn text(cases: &[Case]) -> String {
                 (Some(d), Some(t)) => format!(" (drift {d:+.3e}, tolerance {t:.1e})"),
                 _ => String::new(),
             };
-            let (key, expected, got) = (&c.key, &c.expected, c.got());
-            let expected = if expected.is_empty() { "nothing yet" } else { expected };
+            let (key, expected, got) = (&c.key, c.wanted(), c.got());
             let _ = writeln!(text, "     {key}: expected {expected}, got {got}{drift}");
         }
     }

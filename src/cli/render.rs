@@ -185,11 +185,18 @@ fn write_calibration(wish: &Wish, kind: &str, camera: &Camera, global: &Global) 
     create_folder(folder)?;
     let (path, text) = (folder.join("calib.toml"), camera.calibration.to_toml());
     if std::fs::read(&path).is_ok_and(|old| old != text.as_bytes()) {
-        let number = |name: &str| name.strip_prefix(kind)?.get(1..5)?.parse::<u32>().ok();
+        let number = |name: &str, kind: &str| -> Option<u32> {
+            let digits = name.strip_prefix(kind)?.strip_prefix('-')?;
+            digits.split(|c: char| !c.is_ascii_digit()).next()?.parse().ok()
+        };
+        let is_left = |name: &str| {
+            let of = |other: &str| number(name, other);
+            ["burn", "rod"].iter().any(|o| of(o).is_some_and(|n| *o != kind || n > wish.count))
+        };
         let files = std::fs::read_dir(folder).into_iter().flatten().flatten();
         let mut left: Vec<String> = files
             .filter_map(|file| file.file_name().into_string().ok())
-            .filter(|name| number(name).is_some_and(|n| n > wish.count))
+            .filter(|name| is_left(name))
             .collect();
         left.sort();
         if let Some(first) = left.first() {

@@ -75,9 +75,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let page = report::page(&result, &options).map_err(|e| e.in_file(&path, None))?;
     global.write(&out, page.as_bytes())?;
-    let table = format!("wrote {}", out.display());
+    // What was written is said where messages are.
     let json = output_of("report", &path, &[], &Output { page: out });
-    Ok(Outcome::good(Document::single(json, table)))
+    Ok(Outcome::good(Document::single(json, String::new())))
 }
 
 /// The first rows of a batch that were not measured or not passed.

@@ -73,7 +73,7 @@ pub fn is_told(effect: &Effect) -> bool {
     size(&effect.parameters_u95) <= size(&effect.parameters)
 }
 
-/// Whether an effect is of that kind.
+/// Whether an effect corrects numbers that the control holds.
 pub fn is_entered(effect: &Effect) -> bool {
     effect.outputs.is_empty() && NUMBERS.iter().any(|(name, ..)| *name == effect.name)
 }

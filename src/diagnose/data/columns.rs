@@ -168,7 +168,7 @@ impl ColumnsExperiment {
             let t = data.get("t_s");
             let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
             // Rises above the cold state; columns that begin well above zero hold temperatures. What never changes is no constant of the errors.
-            let still = column.iter().all(|v| *v == column[first]);
+            let still = table.has("error_mm") && column.iter().all(|v| *v == column[first]);
             if still {
                 warnings.push(format!("{name} never changes: it tells nothing of the head"));
             }

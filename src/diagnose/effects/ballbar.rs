@@ -159,7 +159,7 @@ fn backlash(l: &mut L, data: &Columns) {
     let taken_up_deg = [0.5, 1.0, 2.0, 4.0];
     let on_the_way = since_turn_deg(data).iter().filter(|d| **d < taken_up_deg[3]).count();
     if on_the_way >= 3 {
-        // It pays by its own parameter: the plain form costs no more for it.
+        // It pays by its own parameter: the plain form costs no more for it, nor is it ruled out any sooner.
         l.beforehand(std::f64::consts::LN_2);
         let play = [one("width_deg", 0.01), vec![Parameter::shape("taken_up_deg", &taken_up_deg)]];
         l.form(play.concat(), |data, p, errors| {
@@ -266,16 +266,20 @@ fn servo(l: &mut L, data: &Columns) {
     });
 }
 
-/// How far B has gone in every row since it last turned back, degrees; infinite before it ever did. Rows stand in the order of the run.
+/// How far B has gone in every row since it last turned back, degrees; infinite before it ever did. Rows without a time stand in the order
+/// of the run.
 fn since_turn_deg(data: &Columns) -> Vec<f64> {
-    let (b_deg, dir) = (data.get("b_deg"), data.get("dir"));
+    let (b_deg, t_s, dir) = (data.get("b_deg"), data.get("t_s"), data.get("dir"));
     let mut way_deg = vec![f64::INFINITY; b_deg.len()];
     if dir.len() < b_deg.len() {
         return way_deg;
     }
     for series in 0..data.series_names.len() {
-        let mut turn_deg = None;
-        for pair in data.rows_of(series).windows(2) {
+        let (mut turn_deg, mut rows) = (None, data.rows_of(series));
+        if t_s.len() == b_deg.len() {
+            rows.sort_by(|a, b| t_s[*a].total_cmp(&t_s[*b]));
+        }
+        for pair in rows.windows(2) {
             let [before, row] = [pair[0], pair[1]];
             if dir[before] * dir[row] < 0.0 {
                 turn_deg = Some(b_deg[before]);
