@@ -337,6 +337,14 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         ("rtcp.nc", format!("{first}M129\nG1 X5\n"), "rtcp.nc:4: block: moves while RTCP is"),
         ("rtcp.nc", format!("{first}TRAFOOF\nG1 X5\n"), "moves while RTCP is switched off"),
         ("rtcp.nc", format!("{first}G49\nG0 Z9\nG43.4 H1\n"), "moves while RTCP is switched off"),
+        (
+            "a.nc",
+            format!("{first}G55\nG1 X5\n"),
+            "a.nc:4: block: moves after the zero offset changed",
+        ),
+        ("a.nc", format!("G54.1 P1\n{first}G54.1 P3\nG1 X5\n"), "zero offset changed"),
+        ("a.nc", format!("G43 H1\n{first}G43 H2\nG1 X5\n"), "tool length changed"),
+        ("a.nc", format!("G43 H1\n{first}G49\nG1 X5\n"), "tool length changed"),
         ("a.apt", "CYCLE/DRILL,5\n".into(), "canned cycle"),
         ("a.apt", "UNITS/INCHES\nGOTO/1,2,3,0,0,1\n".into(), "in inches"),
         ("a.apt", "CUTCOM/LEFT\n".into(), "cutter compensation"),
@@ -356,6 +364,12 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
     let rtcp = Options { rtcp: true, ..Options::default() };
     for (name, text, options) in [
         ("a.nc", "G49\nG43.4 H1\nG1 X0 Y0 Z100 A-20 C0 F500\nG49\nM30\n", &rtcp),
+        ("a.nc", "G43.4 H1\nG1 X0 Y0 Z100 A-20 C0 F500\nG43.4 H2\nG1 X5\n", &rtcp),
+        (
+            "a.nc",
+            "G54\nG43 H1\nG1 X0 Y0 Z100 A-20 C0 F500\nG54 G1 X5\nG49\nM30\n",
+            &Options::default(),
+        ),
         ("a.apt", "UNITS/MM\nORIGIN/0,0,0\nCUTCOM/OFF\nGOTO/1,2,3,0,0,1\n", &Options::default()),
     ] {
         let input = dir.path().join(name);
@@ -364,12 +378,17 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
     }
     // What moves nothing passes as it stands, words in place, and inverse time is shared out.
     let input = dir.path().join("a.nc");
-    std::fs::write(&input, "%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 X0 Y0 Z100 A-20 C0 S900 M3\nG93\nN9 G1 C90 F2 (TURN)\nM30\n").unwrap();
+    std::fs::write(&input, "%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 X0 Y0 Z100 A-20 C0 S900 M3\nG93\nN9 G1 C90 F2 M7 M5 (TURN)\nM30\n").unwrap();
     let output = dir.path().join("out.nc");
     apply(&alignment, &machine(), &input, &output, &Options::default()).unwrap();
     let text = std::fs::read_to_string(output).unwrap();
     assert!(text.starts_with("%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 S900 M3 X"), "{text}");
-    assert!(text.contains("(TURN)\nF") && text.ends_with("M30\n"), "{text}");
+    assert!(text.contains("(TURN)\n") && text.ends_with("M30\n"), "{text}");
+    // What begins with a move does so on its first block, what ends with it on its last.
+    let begins = text.lines().position(|l| l.contains("M7")).unwrap();
+    let ends = text.lines().position(|l| l.contains("M5")).unwrap();
+    assert!(text.lines().nth(begins).unwrap().contains("(TURN)"), "{text}");
+    assert!(ends > begins && ends + 2 == text.lines().count(), "{text}");
     let rates: Vec<f64> = text
         .lines()
         .filter_map(|l| l.split_whitespace().find_map(|w| w.strip_prefix('F')?.parse().ok()))

@@ -312,4 +312,6 @@ fn the_rod_is_found_where_the_laser_would_be_over_it() {
         assert!(away.abs() < 1e-3, "{away}");
         assert!(number(&with, &format!("/axis_center_u95_mm/{k}")) >= [0.01, 0.02][k]);
     }
+    let largest = &with["budget"][0];
+    assert_eq!(largest["source"], "laser offset", "{largest}");
 }

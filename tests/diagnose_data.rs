@@ -118,6 +118,10 @@ fn slipped_readings_are_no_effect() {
     assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
     let set_aside = report["outliers"].as_array().unwrap();
     assert_eq!(set_aside.len(), 3, "{set_aside:?}");
+    for o in set_aside {
+        let k = o["row"].as_u64().unwrap() - 1;
+        assert_eq!(o["column"], ["dx_mm", "dy_mm", "dz_mm"][k as usize % 3], "{set_aside:?}");
+    }
 }
 
 /// A sweep of 120 poses, 24 of them once more from the other side, with what `hidden` adds (pose, direction of B).

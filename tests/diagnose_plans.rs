@@ -333,7 +333,8 @@ fn a_capture_that_lies_apart_as_a_whole_is_no_effect() {
     let calib = Some(("--calib", "schema = 1\n[scale]\nmm_per_px = 0.008\n"));
     let (report, words) = diagnose("rod", &csv, calib, &[]);
     assert_eq!(report["verdict"], "consistent", "{}{}", report["effects"], report["unnamed"]);
-    let gone: Vec<u64> = (204..216).collect();
+    let gone: Vec<_> =
+        (205..217).map(|row| serde_json::json!({"row": row, "column": null})).collect();
     assert_eq!(report["outliers"], serde_json::json!(gone));
     assert!(words.contains("begin at row 205"), "{words}");
 }

@@ -177,6 +177,41 @@ fn every_control_gets_the_vectors_and_no_unmarked_guess() {
     }
 }
 
+/// A machine of other rotary axes has their columns, letters and limits.
+#[test]
+fn a_table_about_a_and_c_is_swept_about_a_and_c() {
+    let folder = Folder::new();
+    let machine = |y: f64| {
+        format!(
+            "schema = 1\nname = \"trunnion\"\n[kinematics]\norder = \"w C A b X Y Z t\"\n[axes.A]\n\
+             point_mm = [0.0, {y}, -60.0]\nlimits_deg = [-120.0, 30.0]\n[target]\nposition_mm = [50.0, 20.0, 10.0]\n"
+        )
+    };
+    folder.put("new.toml", &machine(0.05));
+    folder.put("old.toml", &machine(0.02));
+    let (code, _, err) = folder.run("verify --machine new.toml --plan plan");
+    assert_eq!(code, 0, "{err}");
+    let program = std::fs::read_to_string(folder.path("plan/sweep.nc")).unwrap();
+    assert!(program.contains(" A") && !program.contains(" B"), "{program}");
+    let (code, out, err) = folder
+        .run("simulate rtcp --model new.toml --data plan/poses.csv --now old.toml --format csv");
+    assert_eq!(code, 0, "{err}");
+    assert!(out.starts_with("a_deg,c_deg,dir_a,dir_c,dx_mm,dy_mm,dz_mm\n"), "{out}");
+    let numbers =
+        |line: &str| -> Vec<f64> { line.split(',').map(|c| c.parse().unwrap()).collect() };
+    let rows: Vec<Vec<f64>> = out.lines().skip(1).map(numbers).collect();
+    assert!(rows.iter().all(|r| r[0] > -90.0 && r[0] < 26.0));
+    // Poses are repeated from either side of both axes.
+    let repeats = rows.windows(2).filter(|w| w[0][..2] == w[1][..2]).map(|w| [w[0][2], w[0][3]]);
+    let sides: std::collections::BTreeSet<String> = repeats.map(|s| format!("{s:?}")).collect();
+    assert_eq!(sides.len(), 4, "{sides:?}");
+    folder.put("sweep.csv", &out);
+    let (code, json) = folder.json("verify --machine new.toml --now old.toml --data sweep.csv");
+    assert_eq!((code, &json["verdict"]), (0, &Value::from("pass")));
+    assert!(rms(&json, "before") > 0.005 && rms(&json, "after") < 1e-7, "{json}");
+    assert!(json["rows"][0]["a_deg"].is_number() && json["rows"][0]["b_deg"].is_null());
+}
+
 #[test]
 fn a_plan_stays_within_the_limits_of_an_axis() {
     let folder = Folder::new();

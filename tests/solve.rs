@@ -336,7 +336,9 @@ fn a_session_without_a_check_touch_and_a_leap_of_a_value_are_doubted() {
     let warnings = json["warnings"].to_string();
     assert_eq!(code, 0);
     assert!(warnings.contains("no check touch"), "{warnings}");
-    // zc_mm is not given: what was never set cannot leap.
+    // zc_mm is not given: what it was before is not known, and no change of it is shown.
+    let shown = json["change"]["values"].to_string();
+    assert!(shown.contains("yc_mm") && !shown.contains("zc_mm"), "{shown}");
     assert_eq!(warnings.matches("mix-up").count(), 1, "{warnings}");
     assert!(warnings.contains("xc_mm changes by +499.9000 mm"), "{warnings}");
 }

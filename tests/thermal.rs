@@ -211,6 +211,8 @@ fn what_lies_outside_the_calibration_is_flagged_and_held() {
         ),
         (r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[3]}"#, "head-sensors", false),
         (r#"{"position_mm":{"x":1},"screw_c":{},"head_c":[3,3,3,3]}"#, "screw-missing:x", false),
+        (r#"{"position_mm":{"x":1,"X":2},"screw_c":{"x":30}}"#, "axis 'X' stands twice", false),
+        (r#"{"position_mm":{"x":1},"screw_c":{"x":30,"x":31}}"#, "axis 'x' stands twice", false),
         (
             r#"{"position_mm":{"q":1},"screw_c":{"q":30},"head_c":[3,3,3,3]}"#,
             "axis-not-calibrated:q",

@@ -232,13 +232,21 @@ impl Mover {
         pose: &ToolPose,
         out: &mut String,
     ) {
+        // What ends or stops something does so once the whole move is made.
+        let ends = |letter: char, digits: &str| {
+            letter == 'M'
+                && digits
+                    .parse::<f64>()
+                    .is_ok_and(|m| [0.0, 1.0, 2.0, 5.0, 9.0, 30.0, 60.0].contains(&m))
+        };
         let mut done = 0.0;
         for (n, (t, q)) in through.iter().chain([&(1.0, *end)]).enumerate() {
             let part = t - std::mem::replace(&mut done, *t);
             for &(letter, digits) in &block.words {
                 // Added points repeat only the feed of inverse time, which counts for each block.
                 let feed = letter == 'F' && self.modal.inverse_time;
-                if n > 0 && !feed {
+                let here = if ends(letter, digits) { n == through.len() } else { n == 0 };
+                if !here && !feed {
                     continue;
                 }
                 out.push(letter);

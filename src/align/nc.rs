@@ -26,6 +26,51 @@ pub struct Modal {
     pub inverse_time: bool,
     /// RTCP has been switched off in the program itself.
     pub rtcp_off: bool,
+    /// What the program's numbers count from, and what they did at its first move.
+    datum: Datum,
+    first_datum: Option<Datum>,
+}
+
+/// Zero offset and tool length in force: which of the control's entries, as their values are not in the program.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Datum {
+    /// G54 to G59.3, G500 to G599; in tenths.
+    zero: Option<i64>,
+    /// P of G54.1.
+    further: Option<i64>,
+    /// H of G43.
+    length: Option<i64>,
+}
+
+impl Datum {
+    /// What a block's words choose.
+    fn choose(&mut self, words: &[(char, &str)]) {
+        let value = |letter: char| {
+            let digits = words.iter().rev().find(|w| w.0 == letter).map(|w| w.1);
+            digits.and_then(|d| d.parse::<f64>().ok())
+        };
+        for (_, digits) in words.iter().filter(|w| w.0 == 'G') {
+            let code = digits.parse().map_or(0, tenths);
+            match code {
+                540..=593 | 5000..=5999 => {
+                    (self.zero, self.further) = (Some(code), None);
+                    if code == 541 {
+                        self.further = value('P').map(tenths);
+                    }
+                }
+                490 => self.length = None,
+                _ => {}
+            }
+        }
+        if let Some(h) = value('H') {
+            self.length = Some(tenths(h)).filter(|h| *h != 0);
+        }
+    }
+}
+
+/// G codes have a decimal at most.
+fn tenths(value: f64) -> i64 {
+    (value * 10.0).round() as i64
 }
 
 impl Modal {
@@ -34,6 +79,26 @@ impl Modal {
         self.rtcp_off = false;
         let fix = "give --rtcp: positions are then tool points";
         if rtcp { Ok(()) } else { Err(("switches RTCP on".into(), fix)) }
+    }
+
+    /// A move whose numbers count from elsewhere than the first one's, by how much only the control knows. Tool points do not depend on
+    /// the tool's length.
+    fn same_datum(&mut self, rtcp: bool) -> Result<(), Refusal> {
+        let first = *self.first_datum.get_or_insert(self.datum);
+        let zero = |d: Datum| (d.zero, d.further);
+        if zero(first) != zero(self.datum) {
+            return Err((
+                "moves after the zero offset changed (G54 to G59), whose value is not in the program".into(),
+                "choose it before the first move, or move the parts of the program each by itself",
+            ));
+        }
+        if !rtcp && first.length != self.datum.length {
+            return Err((
+                "moves after the tool length changed (G43 H, G49), whose value is not in the program".into(),
+                "choose it before the first move, or move the parts of the program each by itself",
+            ));
+        }
+        Ok(())
     }
 }
 
@@ -113,6 +178,7 @@ pub fn parse<'a>(
             }
         }
     }
+    modal.datum.choose(&block.words);
     if dwell || block.away {
         // X is a time, or the goal is the control's: the block passes as it stands.
         return Ok(());
@@ -127,6 +193,7 @@ pub fn parse<'a>(
                 "cut such moves out, or switch it on before: with --rtcp positions are tool points",
             ));
         }
+        modal.same_datum(rtcp)?;
         block.moves = true;
     }
     Ok(())
@@ -193,7 +260,7 @@ fn g_code(
     modal: &mut Modal,
     block: &mut Block<'_>,
 ) -> Result<bool, Refusal> {
-    let code = (value * 10.0).round() as i64;
+    let code = tenths(value);
     let arc =
         |what: &str| (format!("G{value} is {what}, which cannot be moved"), "post it as G1 points");
     match code {

@@ -240,6 +240,14 @@ impl Calibration {
         {
             return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
         }
+        let negative = |v: &f64| *v < 0.0;
+        if file.laser.as_ref().is_some_and(|l| l.offset_u95_mm.iter().flatten().any(negative)) {
+            return Err((
+                "laser.offset_u95_mm",
+                "is negative".into(),
+                "give two half-widths in mm",
+            ));
+        }
         let gamma = checked_gamma(file.sensor)?;
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })
     }

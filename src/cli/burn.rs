@@ -16,7 +16,7 @@ use crate::measure::CircleReport;
 use crate::measure::burn::{self, Options, Report, ToleranceKind};
 use crate::measure::cross;
 use crate::measure::offset::{self, Offset};
-use crate::output::Format;
+use crate::output::{Document, Format};
 use crate::repeats;
 use crate::uncertainty::{Verdict, text};
 use crate::units;
@@ -152,21 +152,26 @@ fn add_mean(outcome: &mut Outcome, options: &Options, global: &Global) {
         Ok(mean) => mean,
         // What was measured is shown all the same.
         Err(e) => {
-            global.say(format!("pivotsight: {e}"));
+            warn(document, format!("no mean: {e}"), global);
             return;
         }
     };
     if let Some(warning) = mean.warning() {
-        global.say(format!("warning: {warning}"));
-        if let Some(warnings) = document.json["warnings"].as_array_mut() {
-            warnings.push(warning.into());
-        }
+        warn(document, warning, global);
     }
     let _ = writeln!(document.table, "mean of {} tests", mean.tests);
     document.table.push_str(&lines(&mean.offset));
     document.json["mean"] = json!(mean);
     if outcome.status != Status::SomeFailed {
         outcome.status = pictures::status(mean.offset.verdict == Verdict::Pass);
+    }
+}
+
+/// A warning on the screen and in the result.
+fn warn(document: &mut Document, warning: String, global: &Global) {
+    global.say(format!("warning: {warning}"));
+    if let Some(warnings) = document.json["warnings"].as_array_mut() {
+        warnings.push(warning.into());
     }
 }
 

@@ -240,7 +240,15 @@ fn table(r: &Report) -> String {
         }
     }
     if !r.outliers.is_empty() {
-        let _ = writeln!(t, "outliers  {} values set aside", r.outliers.len());
+        /// So many are listed; all are in the JSON.
+        const LISTED: usize = 6;
+        let named = r.outliers.iter().take(LISTED).map(|o| match o.column {
+            Some(column) => format!("row {} {column}", o.row),
+            None => format!("row {}", o.row),
+        });
+        let more = if r.outliers.len() > LISTED { ", …" } else { "" };
+        let list = named.collect::<Vec<_>>().join(", ");
+        let _ = writeln!(t, "outliers  {} values set aside: {list}{more}", r.outliers.len());
     }
     t
 }

@@ -81,9 +81,11 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         let [d, p] = [axis.direction(), axis.point_mm()].map(|v| v.add_scalar(0.0));
         let limits = axis.limits.map(|v| if rotary { v.to_degrees() } else { v });
         let unit = if rotary { "deg" } else { "mm" };
+        let way = if rotary { "turns" } else { "moves" };
+        let about = if rotary { "about" } else { "along" };
         let _ = write!(
             table,
-            "{}  moves the {side} along ({:.4}, {:.4}, {:.4})",
+            "{}  {way} the {side} {about} ({:.4}, {:.4}, {:.4})",
             axis.name, d.x, d.y, d.z
         );
         if rotary {
@@ -108,7 +110,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         });
     }
     for effect in &machine.effects {
-        let _ = writeln!(table, "effect {}: {:?}", effect.name, effect.parameters);
+        let sizes: Vec<String> =
+            effect.parameters.iter().map(|(name, value)| format!("{name} = {value}")).collect();
+        let _ = writeln!(table, "effect {}: {}", effect.name, sizes.join(", "));
     }
     let output = Output {
         name: machine.name,

@@ -60,15 +60,16 @@ struct Row {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     let chain = machine.chain()?;
-    let rotary = chain.rotary_names().map(column);
+    let rotary = chain.rotary_names().map(AxisName::column_deg);
     let optional = [rotary[0].as_str(), &rotary[1], "i", "j", "k"];
     let table = Table::read(&args.poses, &["x_mm", "y_mm", "z_mm"], &optional)?;
     let directed = args.way == Way::Inverse && table.has("i");
     let needed = if directed { &optional[2..] } else { &optional[..2] };
     for name in &optional {
+        let either = format!("give {},{} or i,j,k, not both", rotary[0], rotary[1]);
         let (reason, fix) = match (needed.contains(name), table.has(name)) {
             (true, false) => ("is missing", "add the column"),
-            (false, true) => ("does not go with the others", "give b_deg,c_deg or i,j,k, not both"),
+            (false, true) => ("does not go with the others", either.as_str()),
             _ => continue,
         };
         let field = format!("column '{name}'");
@@ -187,9 +188,4 @@ fn all_solutions(chain: &Chain, table: &Table, rotary: &[String; 2]) -> Result<P
     let [a, b] = rotary;
     let names = ["pose", "solution", "jx_mm", "jy_mm", "jz_mm", a, b, "note"];
     Ok(Poses { names: names.map(str::to_owned).to_vec(), rows, warnings })
-}
-
-/// The column of a rotary axis: `b_deg`.
-fn column(axis: AxisName) -> String {
-    format!("{}_deg", axis.letter().to_ascii_lowercase())
 }

@@ -14,7 +14,7 @@ use crate::diagnose::load::{Kind, Source};
 use crate::error::{Error, Result};
 use crate::machine::Machine;
 use crate::output::{Document, Format};
-use crate::rtcp::sweep::{CONDITIONS, DEVIATION, Sweep, predict};
+use crate::rtcp::sweep::{DEVIATION, Sweep, predict};
 use crate::table::Table;
 
 /// Predicts measured data from a machine model
@@ -150,7 +150,7 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
-    let sweep = Sweep::read(&args.data)?;
+    let sweep = Sweep::read(&args.data, &real)?;
     let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();
     if model.effects.is_empty() {
@@ -171,9 +171,8 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
     d.iter_mut().for_each(|d| d.iter_mut().for_each(|v| *v += noise()));
 
     // Columns as in the data, then the deviation; people and programs get the same table.
-    let kept: Vec<&str> =
-        ["b_deg", "c_deg"].into_iter().chain(CONDITIONS).filter(|n| sweep.table.has(n)).collect();
-    let names: Vec<&str> = kept.iter().copied().chain(DEVIATION).collect();
+    let kept = sweep.conditions();
+    let names: Vec<&str> = kept.iter().map(String::as_str).chain(DEVIATION).collect();
     let mut csv = names.join(",") + "\n";
     let mut rows = Vec::with_capacity(d.len());
     for (r, d) in d.iter().enumerate() {

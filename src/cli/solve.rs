@@ -44,7 +44,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 .push(format!("{}: not written, because the check touch fails", path.display()));
         }
         Some(path) => {
-            match session.control.as_ref().filter(|_| session.control_has_sense) {
+            match session.control.as_ref().filter(|c| c.from_file).map(|c| &c.machine) {
                 Some(old) => {
                     let gone = old.effects.iter().filter(|e| is_entered(e));
                     warnings.extend(gone.map(|e| {

@@ -1,6 +1,6 @@
 //! `pivotsight thermal fit|compensate|simulate`.
 
-use std::io::{BufRead, Write};
+use std::io::{BufRead, Read, Write};
 use std::path::{Path, PathBuf};
 
 use serde_json::json;
@@ -180,6 +180,9 @@ fn stream(args: &CompensateArgs, global: &Global) -> Result<Outcome> {
     Ok(Outcome { document: None, status: if bad > 0 { Status::SomeFailed } else { Status::Good } })
 }
 
+/// A reading takes some hundred bytes.
+const MOST_LINE: u64 = 1 << 20;
+
 /// Answers what comes on standard input; gives how many lines could not be read.
 fn answer(compensator: &mut Compensator, output: &mut dyn Write) -> Result<usize> {
     let failed = |action, e| Error::io("standard input or output", action, e);
@@ -188,8 +191,13 @@ fn answer(compensator: &mut Compensator, output: &mut dyn Write) -> Result<usize
     let mut bad = 0;
     loop {
         bytes.clear();
-        if input.read_until(b'\n', &mut bytes).map_err(|e| failed("read", e))? == 0 {
+        let most = &mut (&mut input).take(MOST_LINE);
+        if most.read_until(b'\n', &mut bytes).map_err(|e| failed("read", e))? == 0 {
             return Ok(bad);
+        }
+        if bytes.len() as u64 == MOST_LINE && !bytes.ends_with(b"\n") {
+            let fix = "send one JSON object a line";
+            return Err(Error::file("standard input", "has a line of over a megabyte", fix));
         }
         let line = String::from_utf8_lossy(&bytes);
         if line.trim().is_empty() {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use nalgebra::Vector3;
 use schemars::JsonSchema;
 use serde::Serialize;
-use serde_json::json;
+use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, Status, result, rows};
 use crate::diagnose::data::of_model;
@@ -14,10 +14,10 @@ use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::diagnose::own;
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
-use crate::machine::{Machine, written_deg};
+use crate::machine::{AxisName, Machine, written_deg};
 use crate::output::Document;
 use crate::rtcp::export::Control;
-use crate::rtcp::plan;
+use crate::rtcp::plan::Plan;
 use crate::rtcp::sweep::{Size, Sweep, predict};
 use crate::rtcp::verify::{Options, Report, figure, verify};
 use crate::uncertainty::{Contribution, K95, Verdict, budget};
@@ -30,7 +30,7 @@ pub struct Args {
     /// The machine file
     #[arg(long, value_name = "FILE")]
     machine: PathBuf,
-    /// The measured sweep: b_deg,c_deg,dx_mm,dy_mm,dz_mm
+    /// The measured sweep: the rotary axes' angles (b_deg,c_deg) and dx_mm,dy_mm,dz_mm
     #[arg(long, value_name = "CSV")]
     data: Option<PathBuf>,
     /// The machine file whose values the control held during the sweep; the machine's own where
@@ -104,8 +104,9 @@ pub struct Compared {
 /// One pose; deviations along X, Y, Z.
 #[derive(Serialize, JsonSchema)]
 struct Row {
-    b_deg: f64,
-    c_deg: f64,
+    /// The rotary axes, `b_deg` and `c_deg` on a machine with its head about B and its table about C.
+    #[serde(flatten)]
+    rotary_deg: Map<String, Value>,
     /// Without the target's own offset.
     measured_mm: [f64; 3],
     predicted_mm: [f64; 3],
@@ -141,30 +142,32 @@ fn suggest(args: &Args, machine: &Machine, folder: &Path, global: &Global) -> Re
     if !(4..=10_000).contains(&args.poses) {
         return Err(Error::option("--poses", format!("is {}", args.poses), "give 4 to 10000"));
     }
-    let plan = plan::poses(&machine.chain()?, args.poses)?;
-    let files = [
-        ("poses.csv", plan::csv(&plan)),
-        ("sweep.nc", plan::gcode(&plan, target.position_mm, args.control)),
-    ];
-    let mut table = format!("{} poses, {} of them repeats\n", plan.len(), plan.len() - args.poses);
+    let plan = Plan::new(&machine.chain()?, args.poses)?;
+    let files =
+        [("poses.csv", plan.csv()), ("sweep.nc", plan.gcode(target.position_mm, args.control))];
+    let mut table =
+        format!("{} poses, {} of them repeats\n", plan.poses.len(), plan.poses.len() - args.poses);
     for (name, text) in &files {
         let path = global.write_into(folder, name, text.as_bytes())?;
         let _ = writeln!(table, "{}", path.display());
     }
-    let planned =
-        Planned { poses: plan.len(), files: files.map(|(name, _)| folder.join(name)).to_vec() };
+    let planned = Planned {
+        poses: plan.poses.len(),
+        files: files.map(|(name, _)| folder.join(name)).to_vec(),
+    };
     Ok(Outcome::good(Document::single(result("verify", &args.machine, &[], &planned), table)))
 }
 
 /// What a sweep cannot show, and units that look wrong.
 fn doubts(sweep: &Sweep, measured: &[Vector3<f64>], warnings: &mut Vec<String>) {
-    for (k, name) in ["b_deg", "c_deg"].into_iter().enumerate() {
+    for (k, name) in sweep.axes.map(AxisName::column_deg).into_iter().enumerate() {
+        let name = name.as_str();
         let angles: Vec<f64> = sweep.rotary_rad.iter().map(|r| r[k].to_degrees()).collect();
         warnings.extend(units::swept_angles(name, &angles));
         let (low, high) = range(&angles);
         if high - low < 1e-6 {
             warnings.push(format!(
-                "{name} never moves: what is wrong about that axis is taken for the target's place, or does not show"
+                "{name} is constant: errors of that axis cannot be told from the target's place, or do not show"
             ));
         }
     }
@@ -188,7 +191,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         None => real.clone(),
     };
     let mut warnings: Vec<String> = machine.without_target().into_iter().collect();
-    let sweep = Sweep::read_measured(data, &mut warnings)?;
+    let sweep = Sweep::read_measured(data, &real, &mut warnings)?;
     let measured = sweep.deviation_mm.clone().unwrap_or_default();
     if measured.len() < 4 {
         let fix = "measure more poses (verify --plan suggests them)";
@@ -250,8 +253,9 @@ fn add_effects_of(
 /// The result as it is written.
 fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBuf>) -> Compared {
     let list = (0..report.measured.len()).map(|i| Row {
-        b_deg: written_deg(sweep.rotary_rad[i][0]),
-        c_deg: written_deg(sweep.rotary_rad[i][1]),
+        rotary_deg: (sweep.axes.iter().zip(sweep.rotary_rad[i]))
+            .map(|(axis, rad)| (axis.column_deg(), written_deg(rad).into()))
+            .collect(),
         measured_mm: report.measured[i].into(),
         predicted_mm: report.predicted[i].into(),
         left_mm: report.rest[i].into(),

@@ -339,5 +339,8 @@ fn alone_under_a_shape(fitter: &Fitter, f: &Fitted) -> Vec<usize> {
             alone.extend((0..layout.values.len()).filter(stands_on));
         }
     }
+    // Two shapes may stand on one capture.
+    alone.sort_unstable();
+    alone.dedup();
     alone
 }

@@ -200,18 +200,27 @@ pub struct Report {
     pub places: Vec<Where>,
     /// What to capture next to tell confusable effects apart.
     pub next_measurement: Option<NextMeasurement>,
-    /// Rows set aside as outliers, by number from 0.
-    pub outliers: Vec<usize>,
+    /// Values set aside as outliers.
+    pub outliers: Vec<Outlier>,
     /// Effects that could not be tested, with the reason.
     pub untested: Vec<(String, String)>,
     /// p-value of the lack of fit that remains, where it can be tested.
     pub lack_of_fit_p: Option<f64>,
-    /// Sizes that no machine has, in words.
+    /// What is to be doubted, in words: sizes that no machine has, repeats that are copies, captures out of place.
     #[serde(skip)]
     pub doubts: Vec<String>,
-    /// Before and after, for plots: index of observation, residual before, residual after, mm.
+    /// Before and after, for plots.
     #[serde(skip)]
     pub residuals: Residuals,
+}
+
+/// A value that was set aside: it lies where neither the noise nor any effect has it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, schemars::JsonSchema)]
+pub struct Outlier {
+    /// Row of the data; the first below the header is 1, and copies of rows do not count.
+    pub row: usize,
+    /// Its column; null where it is read from several.
+    pub column: Option<&'static str>,
 }
 
 /// Residuals for plots.

@@ -1,5 +1,7 @@
 //! From an experiment to the answer: selection, lack of fit, naming rules, gap.
 
+use std::collections::BTreeMap;
+
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
@@ -14,7 +16,7 @@ use crate::diagnose::next::next_measurement;
 use crate::diagnose::outliers::{Screened, screen, whole_captures};
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::repeats::repeats_ln_p;
-use crate::diagnose::report::{Gap, NamedEffect, Report, Residuals, Verdict, Where};
+use crate::diagnose::report::{Gap, NamedEffect, Outlier, Report, Residuals, Verdict, Where};
 use crate::diagnose::select::Selection;
 use crate::diagnose::sizes;
 use crate::diagnose::unnamed;
@@ -124,6 +126,26 @@ fn quieter(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     (-ln_chi2_tail(chi2, dof).exp_m1() < LACK_OF_FIT_P).then_some(chi2 / dof)
 }
 
+/// Where in the data these observations stand.
+fn set_aside(experiment: &dyn Experiment, observations: &[usize]) -> Vec<Outlier> {
+    let mut marked = experiment.layout().values.clone();
+    observations.iter().for_each(|i| marked[*i] = f64::NAN);
+    let columns = experiment.predicted_columns(&marked);
+    let mut by_row: BTreeMap<usize, Vec<&'static str>> = BTreeMap::new();
+    for (name, values) in &columns {
+        for (i, _) in values.iter().enumerate().filter(|(_, v)| v.is_nan()) {
+            by_row.entry(i + 1).or_default().push(name);
+        }
+    }
+    // An edge point's two coordinates are one value.
+    let one_value = observations.len() < by_row.values().map(Vec::len).sum();
+    let of_row = |(row, names): (usize, Vec<&'static str>)| match one_value {
+        true => vec![Outlier { row, column: None }],
+        false => names.into_iter().map(|name| Outlier { row, column: Some(name) }).collect(),
+    };
+    by_row.into_iter().flat_map(of_row).collect()
+}
+
 fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     let layout = fitter.experiment.layout();
     let f = &s.fitted;
@@ -188,7 +210,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         gap,
         places: places(fitter, &s.baseline, layout),
         next_measurement: None,
-        outliers,
+        outliers: set_aside(fitter.experiment, &outliers),
         untested,
         lack_of_fit_p: p,
         doubts: doubts::of_answer(fitter, s, &pairs).into_iter().chain(slips).collect(),

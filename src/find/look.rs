@@ -39,8 +39,9 @@ impl Look {
         seen.then(|| Self { corner, ..Self::new(&part, scales) })
     }
 
-    /// Reduces by `factor` and blurs, by the first few of the scales.
+    /// Reduces by `factor`, less where little would be left of a narrow strip, and blurs, by the first few of the scales.
     pub fn reduced_by(factor: usize, frame: &Frame, scales: usize) -> Self {
+        let factor = factor.min(frame.width().min(frame.height()) / LEAST_PART).max(1);
         let base = frame.reduce(factor);
         let noise = texture(&base);
         let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();

@@ -59,8 +59,9 @@ fn peaks_of(
     let (w, h) = look.size();
     let k = look.factor as f64;
     let (near, far) = (options.least_radius_px / k, options.most_radius_px / k);
-    // Centres may lie outside the frame by a third of its size.
-    let pad = w.max(h) / 3;
+    // Centres may lie outside the frame by a third of its size; of a narrow strip by no more than its circles reach.
+    let third = w.max(h) / 3;
+    let pad = if third > w.min(h) { third.min(far.ceil() as usize + 1) } else { third };
     // Lines meet less sharply for soft edges.
     let side = (1.5 + 0.5 * scale).round() as usize;
     let cells = 1.0 / side as f64;

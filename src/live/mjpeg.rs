@@ -41,7 +41,8 @@ impl Stream {
         let Address { host, port, path } = address(url)?;
         let fail = |e: std::io::Error| lost(url, format!("no connection: {e}"));
         let mut last = lost(url, "the host's name has no address".into());
-        for place in (host, port).to_socket_addrs().map_err(fail)? {
+        let name = host.trim_start_matches('[').trim_end_matches(']');
+        for place in (name, port).to_socket_addrs().map_err(fail)? {
             match TcpStream::connect_timeout(&place, CONNECT) {
                 Ok(socket) => return Self::ask(url, host, path, socket, stop),
                 Err(e) => last = fail(e),
@@ -224,8 +225,9 @@ fn address(url: &str) -> Result<Address<'_>> {
         Some(i) => rest.split_at(i),
         None => (rest, "/"),
     };
-    let (host, port) = match place.rsplit_once(':') {
-        Some((host, port)) => (host, port.parse().map_err(|_| bad())?),
+    // Colons within brackets are a number's (`[::1]:8080`).
+    let (host, port) = match place.rfind(':').filter(|at| *at > place.rfind(']').unwrap_or(0)) {
+        Some(at) => (&place[..at], place[at + 1..].parse().map_err(|_| bad())?),
         None => (place, 80),
     };
     if host.is_empty() || host.contains(['@', ' ']) || path.contains(['\r', '\n', ' ']) {

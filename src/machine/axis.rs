@@ -42,6 +42,11 @@ impl AxisName {
         Self::ALL.into_iter().find(|a| a.letter() == letter)
     }
 
+    /// The name of a table's column of a rotary axis' angles: `b_deg`.
+    pub fn column_deg(self) -> String {
+        format!("{}_deg", self.letter().to_ascii_lowercase())
+    }
+
     /// Its letter.
     pub fn letter(self) -> char {
         ['X', 'Y', 'Z', 'A', 'B', 'C'][self as usize]

@@ -82,6 +82,14 @@ impl Machine {
                     "give a number",
                 ));
             }
+            let unsure = |(_, u): &(&String, &f64)| !(u.is_finite() && **u >= 0.0);
+            if let Some((key, u)) = effect.parameters_u95.iter().find(unsure) {
+                return Err((
+                    format!("effects '{}': parameters_u95 {key}", effect.name),
+                    format!("is {u}"),
+                    "give the half-width of the 95 % interval, zero or more",
+                ));
+            }
             if let Some(kind) = effect.kind.as_ref().filter(|k| !KINDS.contains(&k.as_str())) {
                 return Err((
                     format!("effects '{}': kind", effect.name),

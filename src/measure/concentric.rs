@@ -1,7 +1,7 @@
 //! Two edges of one mark share a centre: an annulus is burnt in one turn, so its inner edge tells where the outer
 //! one is centred, and halves what texture and raggedness do to the answer.
 
-use nalgebra::{Matrix2, SymmetricEigen, Vector2};
+use nalgebra::{Matrix2, RowVector2, SymmetricEigen, Vector2};
 
 use crate::camera::View;
 use crate::measure::ring::Ring;
@@ -27,11 +27,15 @@ pub(super) fn join(mut outer: Ring, inner: &Ring, view: &View) -> Ring {
     let covariance = a - gain * (a - cross).transpose();
     // The radius follows its centre.
     let toward_radius = outer.covariance.fixed_view::<1, 2>(2, 0).into_owned();
-    let pull = a.try_inverse().map_or(0.0, |inverse| (toward_radius * inverse * step)[0]);
+    let follows = a.try_inverse().map_or(RowVector2::zeros(), |inverse| toward_radius * inverse);
     outer.circle.center += step;
     outer.center_px = view.to_pixel(outer.circle.center);
-    outer.circle.radius += pull;
+    outer.circle.radius += (follows * step)[0];
+    let radius_center = follows * covariance;
+    outer.covariance[(2, 2)] -= (follows * (a - covariance) * follows.transpose())[0];
     outer.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance);
+    outer.covariance.fixed_view_mut::<1, 2>(2, 0).copy_from(&radius_center);
+    outer.covariance.fixed_view_mut::<2, 1>(0, 2).copy_from(&radius_center.transpose());
     outer.dof += inner.dof;
     outer.edge_points += inner.edge_points;
     outer.trace.extend(inner.trace.iter().copied());

@@ -3,7 +3,7 @@
 //! OpenCV looks without a hint first; only where its contours are broken is it led to the circle that was measured. The ellipse
 //! through the contour is compared with the ellipse as which the measured circle is seen, so that perspective plays no part.
 
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use serde::Serialize;
 
 use crate::camera::View;
@@ -141,8 +141,11 @@ fn one(
     let Some((ellipse, u_px)) = refine(contours, start)? else { return Ok(nothing) };
     let jacobian = view.mm_per_px(ours.center);
     let difference = jacobian * (ellipse.center - ours.center);
-    let scale = jacobian.determinant().abs().sqrt();
-    let u95: [f64; 2] = std::array::from_fn(|k| K95 * u_px[k] * scale + report.center_u95_mm[k]);
+    let theirs =
+        jacobian * Matrix2::from_diagonal(&u_px.map(|u| u * u).into()) * jacobian.transpose();
+    // Both see the same picture: their errors are no independent ones.
+    let u95: [f64; 2] =
+        std::array::from_fn(|k| K95 * theirs[(k, k)].sqrt() + report.center_u95_mm[k]);
     Ok(Opinion {
         found,
         difference_mm: Some(difference.into()),

@@ -165,7 +165,8 @@ impl Picture<'_> {
         let mut clearest = self.candidates.to_vec();
         clearest.sort_by(|a, b| b.score.total_cmp(&a.score));
         clearest.into_iter().filter(|c| c.coverage > WHOLE).take(CENTERS).find_map(|c| {
-            let clearer = measure_candidate(self.frame, self.view, &c, self.candidates)?;
+            let (rough, search) = around(self.view, &c, self.candidates);
+            let clearer = ring::measure(self.frame, self.view, rough, search, None)?;
             if clearer.arc_coverage < WHOLE || !is_regular(&clearer) || is_faint(&clearer) {
                 return None;
             }
@@ -339,17 +340,6 @@ fn rivals(other: &Candidate, c: &Candidate) -> bool {
     let apart = (other.circle.center - c.circle.center).norm() / c.circle.radius;
     let larger = other.circle.radius / c.circle.radius - 1.0;
     other.score > 0.3 * c.score && apart.max(larger.abs()) > 0.1
-}
-
-/// Measures a circle that was found, keeping clear of its concentric neighbours.
-fn measure_candidate(
-    frame: &Frame,
-    view: &View,
-    candidate: &Candidate,
-    others: &[Candidate],
-) -> Option<Ring> {
-    let (rough, search) = around(view, candidate, others);
-    ring::measure(frame, view, rough, search, None)
 }
 
 /// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.

@@ -155,7 +155,7 @@ impl Mean {
 /// averaged away.
 ///
 /// # Errors
-/// Fewer than two tests, or one whose covariance is not one.
+/// Fewer than two tests, or one whose covariance is none.
 pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
     if tests.len() < 2 {
         return Err(Error::measure(
@@ -167,7 +167,11 @@ pub fn mean(tests: &[Offset], options: &Options) -> Result<Mean> {
     let inverse = |covariance: Matrix2<f64>| {
         let known = |w: &Matrix2<f64>| w.iter().all(|v| v.is_finite()) && w.cholesky().is_some();
         covariance.try_inverse().filter(known).ok_or_else(|| {
-            Error::measure("the mean", "an offset's covariance is not one", "measure it again")
+            Error::measure(
+                "the mean",
+                "an offset's covariance is not a valid covariance matrix",
+                "measure it again",
+            )
         })
     };
     let matrix = |[[xx, xy], [yx, yy]]: [[f64; 2]; 2]| Matrix2::new(xx, xy, yx, yy);

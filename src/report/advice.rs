@@ -129,8 +129,10 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
         }
         ("verify", "undecided") => vec!["Measure the sweep again with less noise: average several readings a pose, or say with --noise-mm how good they are.".into()],
         ("verify", "pass") => vec!["Nothing to correct. Keep the sweep as the machine's reference (--records FILE).".into()],
-        ("diagnose", _) => match map.get("next_measurement").and_then(|next| next.get("text")) {
-            Some(Value::String(text)) => vec![text.clone()],
+        ("diagnose", stated) => match (map.get("next_measurement").and_then(|next| next.get("text")), stated) {
+            (Some(Value::String(text)), _) => vec![text.clone()],
+            (_, "consistent") => vec!["Nothing to correct: what is left is noise. Keep the result with the machine's records (--records FILE).".into()],
+            (_, "unknown") => vec!["Nothing to enter: no effect of the library explains the gap. Measure again to see whether it repeats, and look for a cause that follows what it depends on; an own effect (--effects FILE) can then be tested.".into()],
             _ => vec!["Correct the strongest named effect, measure again, and compare with the predicted gap.".into()],
         },
         ("batch", _) => {

@@ -72,7 +72,7 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
                 .then(|| number(map, "tolerance_mm"))
                 .flatten();
             Some(Characteristic {
-                name: label(&key),
+                name: axis_or_rod(result, label(&key)),
                 unit: unit(&key),
                 nominal: nominal(command, map, &key),
                 actual,
@@ -103,7 +103,7 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
         }
         let key = limit.get("key")?.as_str()?;
         Some(Characteristic {
-            name: format!("limit on {}", label(key)),
+            name: format!("limit on {}", axis_or_rod(result, label(key))),
             unit: unit(key),
             nominal: None,
             actual: bound("value")?,
@@ -144,7 +144,8 @@ fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
             nominal: Some(0.0),
             actual: number(map, &format!("{key}.worst_mm"))?,
             tolerance: limit.map_or(String::new(), |t| format!("≤ {t}")),
-            u95: number(map, "worst_u95_mm"),
+            // Stated of what is judged alone.
+            u95: number(map, "worst_u95_mm").filter(|_| judged == Some(key)),
             verdict: limit.and_then(|_| serde_json::from_value(map.get("verdict")?.clone()).ok()),
         })
     };
@@ -230,6 +231,14 @@ pub fn refuse_text(key: &str, value: &Value) -> Result<()> {
             map.iter().try_for_each(|(k, v)| refuse_text(&format!("{key}.{k}"), v))
         }
         _ => Ok(()),
+    }
+}
+
+/// At one table angle a rod's centre stands for the C axis, and is called what it is.
+fn axis_or_rod(result: &Value, label: String) -> String {
+    match result.get("axis_separated") {
+        Some(Value::Bool(false)) => label.replacen("C axis", "rod's centre", 1),
+        _ => label,
     }
 }
 
@@ -396,7 +405,7 @@ pub fn budgets(result: &Value) -> Vec<Budget> {
     for part in stated {
         let text = |key: &str| part.get(key).and_then(Value::as_str).unwrap_or("");
         let number = |key: &str| part.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
-        let of = label(text("of"));
+        let of = axis_or_rod(result, label(text("of")));
         if budgets.last().is_none_or(|b| b.of != of) {
             budgets.push(Budget { of, rows: Vec::new() });
         }

@@ -338,9 +338,11 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
     }
     let columns = std::iter::once((&up, first)).chain(down.as_ref().map(|d| (d, last + 1)));
     for (values, start) in columns {
+        let mut reference = at_reference;
         if start > first {
-            let at = before as usize;
-            let gap = (values[at] - up[at]) / options.resolution_deg;
+            let gap = (values[before as usize] - at_reference) / options.resolution_deg;
+            // What is written is what the steps count from.
+            reference += gap.round() * options.resolution_deg;
             let _ = writeln!(
                 out,
                 "(TRAVEL IN THE NEGATIVE DIRECTION)\nN3605A{axis}B00000001\nN3626A{axis}P{start}\nN3627A{axis}P{:.0}",
@@ -349,7 +351,7 @@ fn fanuc(grid: &Grid, modulo: bool, options: &Options) -> Result<String> {
         }
         // Steps of the rounded running value, so that rounding does not add up.
         let running: Vec<i64> =
-            values.iter().map(|v| ((v - values[before as usize]) / unit).round() as i64).collect();
+            values.iter().map(|v| ((v - reference) / unit).round() as i64).collect();
         for (i, w) in running.windows(2).enumerate() {
             let _ = writeln!(out, "N{}P{}", 10_000 + start + i as u32, w[1] - w[0]);
         }

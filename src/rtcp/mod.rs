@@ -14,7 +14,7 @@ pub mod verify;
 
 use nalgebra::Vector3;
 
-pub use session::{Limit, Session};
+pub use session::{InControl, Limit, Session};
 
 use crate::machine::{Chain, Joints};
 

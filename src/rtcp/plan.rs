@@ -13,38 +13,105 @@ use crate::rtcp::export::Control;
 /// How far before a pose its approach begins, so that its direction is sure.
 const RUN_UP_DEG: f64 = 4.0;
 
-/// One pose: B, C in degrees, and the directions they are approached in (+1 or -1).
+/// The rotary axes' angles in degrees, and the directions they are approached in (+1 or -1).
 pub type Pose = ([f64; 2], [f64; 2]);
 
-/// `count` different poses (B within ±90°, C over a turn, both within their limits), every second one twice.
-///
-/// # Errors
-/// An axis whose limits leave no room for poses and the run-up to them.
-pub fn poses(chain: &Chain, count: usize) -> Result<Vec<Pose>> {
-    let [b, c] =
-        [range(chain, AxisName::B, [-90.0, 90.0])?, range(chain, AxisName::C, [0.0, 360.0])?];
-    // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly
-    // and never repeat.
-    let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
-    let mut plan = Vec::new();
-    for i in 0..count {
-        let at = |k: usize, [low, high]: [f64; 2]| {
-            let part = (0.5 + steps[k] * (i + 1) as f64).fract();
-            ((low + (high - low) * part) * 100.0).round() / 100.0
-        };
-        let way = |bit: usize| if (i >> bit) & 1 == 0 { 1.0 } else { -1.0 };
-        let pose = ([at(0, b), at(1, c)], [way(0), way(1)]);
-        plan.push(pose);
-        if i % 2 == 1 {
-            plan.push(pose);
-        }
-    }
-    Ok(plan)
+/// A sweep to drive through.
+#[derive(Debug, Clone)]
+pub struct Plan {
+    /// The rotary axes, in the order of the machine's joints.
+    pub axes: [AxisName; 2],
+    /// In the order to drive to them.
+    pub poses: Vec<Pose>,
 }
 
-/// What of the wanted range an axis can be sent to with a run-up to either side; one that counts from elsewhere is shown as much
+impl Plan {
+    /// `count` different poses (a table's C over a turn, other axes within ±90°, all within their limits), every second one twice.
+    ///
+    /// # Errors
+    /// An axis whose limits leave no room for poses and the run-up to them.
+    pub fn new(chain: &Chain, count: usize) -> Result<Self> {
+        let axes = chain.rotary_names();
+        let [first, second] = axes.map(|axis| range(chain, axis));
+        let (first, second) = (first?, second?);
+        // Multiples of the golden ratio and of √2, without their whole parts, fill each range evenly
+        // and never repeat.
+        let steps = [0.618_033_988_749_895, std::f64::consts::SQRT_2 - 1.0];
+        let mut poses = Vec::new();
+        for i in 0..count {
+            let at = |k: usize, [low, high]: [f64; 2]| {
+                let part = (0.5 + steps[k] * (i + 1) as f64).fract();
+                ((low + (high - low) * part) * 100.0).round() / 100.0
+            };
+            // All four pairs of directions, among the poses that are repeated, too.
+            let way = |bit: usize| if (i >> (1 + bit)) & 1 == 0 { 1.0 } else { -1.0 };
+            let pose = ([at(0, first), at(1, second)], [way(0), way(1)]);
+            poses.push(pose);
+            if i % 2 == 1 {
+                poses.push(pose);
+            }
+        }
+        Ok(Self { axes, poses })
+    }
+
+    /// The poses as CSV, ready to have `dx_mm,dy_mm,dz_mm` added.
+    pub fn csv(&self) -> String {
+        let [a, b] = self.axes.map(AxisName::column_deg);
+        let mut text = format!("{a},{b},dir_{},dir_{}\n", &a[..1], &b[..1]);
+        for ([b, c], [db, dc]) in &self.poses {
+            // Writing to a String cannot fail.
+            let _ = writeln!(text, "{b:.2},{c:.2},{db:.0},{dc:.0}");
+        }
+        text
+    }
+
+    /// The program that holds `target_mm` (table frame) in every pose. Workpiece zero: the table frame's, the C axis at the table surface
+    /// where C turns the table alone.
+    pub fn gcode(&self, target_mm: [f64; 3], control: Control) -> String {
+        let [x, y, z] = target_mm;
+        let [first, second] = self.axes.map(AxisName::letter);
+        let conversational = control == Control::Heidenhain;
+        let note = |text: &str| match control {
+            Control::Siemens | Control::Heidenhain => format!("; {text}\n"),
+            _ => format!("({text})\n"),
+        };
+        let turn = |[b, c]: [f64; 2]| {
+            if conversational {
+                format!("L X{x:+.4} Y{y:+.4} Z{z:+.4} {first}{b:+.3} {second}{c:+.3} F2000\n")
+            } else {
+                format!("G1 X{x:.4} Y{y:.4} Z{z:.4} {first}{b:.3} {second}{c:.3} F2000\n")
+            }
+        };
+        let (begin, wait, end) = match control {
+            Control::Siemens => ("G71 G90 G54\nTRAORI\n", "G4 F2\n", "TRAFOOF\nM30\n"),
+            Control::Heidenhain => (
+                "BEGIN PGM SWEEP MM\nM128\n",
+                "CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL 2\n",
+                "M129\nEND PGM SWEEP MM\n",
+            ),
+            Control::Fanuc => ("%\nO1000\nG21 G90 G54\nG43.4 H1\n", "G4 P2000\n", "G49\nM30\n%\n"),
+            Control::Linuxcnc | Control::Sheet => ("G21 G90 G54\n", "G4 P2\n", "M2\n"),
+        };
+        let mut text = begin.to_owned();
+        let zero = match self.axes {
+            [AxisName::B, AxisName::C] => "C axis at the table surface",
+            _ => "the machine file's table frame",
+        };
+        text += &note(&format!("Workpiece zero: {zero}. Watch the first run at low feed."));
+        for (i, &([b, c], [db, dc])) in self.poses.iter().enumerate() {
+            text += &note(&format!("pose {} of {}", i + 1, self.poses.len()));
+            text += &turn([b - db * RUN_UP_DEG, c - dc * RUN_UP_DEG]);
+            text += &turn([b, c]);
+            text += wait;
+        }
+        text + end
+    }
+}
+
+/// What of its range an axis can be sent to with a run-up to either side; one that counts from elsewhere is shown as much
 /// of a turn.
-fn range(chain: &Chain, name: AxisName, [low, high]: [f64; 2]) -> Result<[f64; 2]> {
+fn range(chain: &Chain, name: AxisName) -> Result<[f64; 2]> {
+    let [low, high] = if name == AxisName::C { [0.0, 360.0] } else { [-90.0, 90.0] };
     let limits = chain.axis(name).map_or([low, high], |a| a.limits.map(f64::to_degrees));
     let run = RUN_UP_DEG + 1.0;
     let (least, most) = (limits[0] + run, limits[1] - run);
@@ -61,51 +128,4 @@ fn range(chain: &Chain, name: AxisName, [low, high]: [f64; 2]) -> Result<[f64; 2
         ));
     }
     Ok([from, to])
-}
-
-/// The poses as CSV, ready to have `dx_mm,dy_mm,dz_mm` added.
-pub fn csv(plan: &[Pose]) -> String {
-    let mut text = String::from("b_deg,c_deg,dir_b,dir_c\n");
-    for ([b, c], [db, dc]) in plan {
-        // Writing to a String cannot fail.
-        let _ = writeln!(text, "{b:.2},{c:.2},{db:.0},{dc:.0}");
-    }
-    text
-}
-
-/// The program that holds `target_mm` (table frame) in every pose. Workpiece zero: the C axis at
-/// the table surface.
-pub fn gcode(plan: &[Pose], target_mm: [f64; 3], control: Control) -> String {
-    let [x, y, z] = target_mm;
-    let conversational = control == Control::Heidenhain;
-    let note = |text: &str| match control {
-        Control::Siemens | Control::Heidenhain => format!("; {text}\n"),
-        _ => format!("({text})\n"),
-    };
-    let turn = |[b, c]: [f64; 2]| {
-        if conversational {
-            format!("L X{x:+.4} Y{y:+.4} Z{z:+.4} B{b:+.3} C{c:+.3} F2000\n")
-        } else {
-            format!("G1 X{x:.4} Y{y:.4} Z{z:.4} B{b:.3} C{c:.3} F2000\n")
-        }
-    };
-    let (begin, wait, end) = match control {
-        Control::Siemens => ("G71 G90 G54\nTRAORI\n", "G4 F2\n", "TRAFOOF\nM30\n"),
-        Control::Heidenhain => (
-            "BEGIN PGM SWEEP MM\nM128\n",
-            "CYCL DEF 9.0 DWELL TIME\nCYCL DEF 9.1 DWELL 2\n",
-            "M129\nEND PGM SWEEP MM\n",
-        ),
-        Control::Fanuc => ("%\nO1000\nG21 G90 G54\nG43.4 H1\n", "G4 P2000\n", "G49\nM30\n%\n"),
-        Control::Linuxcnc | Control::Sheet => ("G21 G90 G54\n", "G4 P2\n", "M2\n"),
-    };
-    let mut text = begin.to_owned();
-    text += &note("Workpiece zero: C axis at the table surface. Watch the first run at low feed.");
-    for (i, &([b, c], [db, dc])) in plan.iter().enumerate() {
-        text += &note(&format!("pose {} of {}", i + 1, plan.len()));
-        text += &turn([b - db * RUN_UP_DEG, c - dc * RUN_UP_DEG]);
-        text += &turn([b, c]);
-        text += wait;
-    }
-    text + end
 }

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::solve::Solved;
-use super::{Session, deviation};
+use super::{InControl, Session, deviation};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::uncertainty::{Contribution, Measured, Verdict};
@@ -108,7 +108,7 @@ pub struct CheckTouch {
 /// What typing the new values into the control changes.
 #[derive(Debug, Clone, Serialize, JsonSchema)]
 pub struct Change {
-    /// Value by value.
+    /// Value by value, as far as it is told what the control holds.
     pub values: Vec<Replaced>,
     /// How far the tool point goes astray with the present values, seen from B = 0.
     pub removes: Vec<Astray>,
@@ -158,8 +158,8 @@ impl Solution {
         };
         let limits: Vec<Limit> = session.limits.iter().map(limit).collect();
         let mut now = session.control.clone();
-        if let Some(now) = now.as_mut().filter(|_| !session.control_has_sense) {
-            solved.turn(now);
+        if let Some(now) = now.as_mut().filter(|now| !now.from_file) {
+            solved.turn(&mut now.machine);
         }
         let check_touch = solved.check.map(|c| CheckTouch {
             b_deg: c.b_rad.to_degrees(),
@@ -202,7 +202,7 @@ impl Solution {
 }
 
 impl Change {
-    fn of(now: &Machine, new: &Machine) -> Result<Self> {
+    fn of(InControl { machine: now, untold, .. }: &InControl, new: &Machine) -> Result<Self> {
         let values = [
             ("delta_x_mm", now.head.delta_x_mm, new.head.delta_x_mm),
             ("r_mm", now.head.r_mm, new.head.r_mm),
@@ -210,7 +210,10 @@ impl Change {
             ("yc_mm", now.table.yc_mm, new.table.yc_mm),
             ("zc_mm", now.table.zc_mm, new.table.zc_mm),
         ]
-        .map(|(name, now, new)| Replaced { name, now, new, change: new - now });
+        .into_iter()
+        .filter(|(name, ..)| !untold.contains(name))
+        .map(|(name, now, new)| Replaced { name, now, new, change: new - now })
+        .collect();
         // The stand-off is the cutting process', not the machine's: the same on both sides.
         let mut now = now.clone();
         now.head.standoff_mm = new.head.standoff_mm;
@@ -221,6 +224,6 @@ impl Change {
             let d = at(b_deg) - at(0.0);
             Astray { b_deg, dx_mm: d.x, dy_mm: d.y, dz_mm: d.z }
         });
-        Ok(Self { values: values.to_vec(), removes: removes.collect() })
+        Ok(Self { values, removes: removes.collect() })
     }
 }

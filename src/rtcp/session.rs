@@ -38,6 +38,17 @@ impl Limit {
     }
 }
 
+/// What the control holds now.
+#[derive(Debug, Clone)]
+pub struct InControl {
+    /// The machine as the control has it; zero what is not told.
+    pub machine: Machine,
+    /// The values that are not told.
+    pub untold: Vec<&'static str>,
+    /// Whether it comes from a machine file, which says the sense of B as well.
+    pub from_file: bool,
+}
+
 /// A session ready to be solved.
 #[derive(Debug, Clone)]
 pub struct Session {
@@ -52,9 +63,7 @@ pub struct Session {
     /// The limits of S1 and S2 that could be checked.
     pub limits: Vec<Limit>,
     /// What the control holds now, where it is known.
-    pub control: Option<Machine>,
-    /// Whether that comes from a machine file, which says the sense of B as well.
-    pub control_has_sense: bool,
+    pub control: Option<InControl>,
     /// What had to be assumed.
     pub warnings: Vec<String>,
     /// The files the session file names.

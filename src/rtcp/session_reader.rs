@@ -7,7 +7,7 @@ use nalgebra::{Matrix2, Vector2};
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
 use crate::rtcp::results::{BurnResult, OffAxis, RodResult};
-use crate::rtcp::session::{Limit, Session};
+use crate::rtcp::session::{InControl, Limit, Session};
 use crate::rtcp::session_file::{Burn, Checks, Control, File, Rod, Touch};
 use crate::rtcp::solve::Readings;
 use crate::uncertainty::{K95, Measured, distance};
@@ -68,7 +68,6 @@ impl Reader<'_> {
             u: self.uncertainty("head.standoff_u_mm", file.head.standoff_u_mm)?,
         };
         let control = file.control.as_ref().map(|c| self.control(c, file.c_sense)).transpose()?;
-        let control_has_sense = file.control.is_some_and(|c| c.machine.is_some());
         Ok(Session {
             name: file.name,
             c_sense: file.c_sense,
@@ -76,7 +75,6 @@ impl Reader<'_> {
             standoff_mm,
             limits,
             control,
-            control_has_sense,
             warnings: Vec::new(),
             files: Vec::new(),
         })
@@ -328,32 +326,35 @@ impl Reader<'_> {
         allowed
     }
 
-    /// The machine as the control holds it now; what is not given is taken as zero.
-    fn control(&mut self, control: &Control, c_sense: i32) -> Result<Machine> {
-        let Control { machine, delta_x_mm, r_mm, xc_mm, yc_mm, zc_mm } = control;
-        let mut now = match machine {
+    /// The machine as the control holds it now.
+    fn control(&mut self, control: &Control, c_sense: i32) -> Result<InControl> {
+        let Control { machine: file, delta_x_mm, r_mm, xc_mm, yc_mm, zc_mm } = control;
+        let mut machine = match file {
             Some(file) => Machine::read(self.beside(file))?,
-            None if r_mm.is_none() => {
+            None if r_mm.is_none() || delta_x_mm.is_none() => {
                 let fix = "give machine = \"old.toml\" or delta_x_mm and r_mm";
-                return Err(self.wrong("control", "holds no r_mm", fix));
+                return Err(self.wrong("control", "does not hold both delta_x_mm and r_mm", fix));
             }
             None => {
                 Machine { c_sense, ..Machine::head_b_table_c(Head::default(), Table::default()) }
             }
         };
-        for (place, value) in [
-            (&mut now.head.delta_x_mm, delta_x_mm),
-            (&mut now.head.r_mm, r_mm),
-            (&mut now.table.xc_mm, xc_mm),
-            (&mut now.table.yc_mm, yc_mm),
-            (&mut now.table.zc_mm, zc_mm),
+        let mut untold = Vec::new();
+        for (name, place, value) in [
+            ("delta_x_mm", &mut machine.head.delta_x_mm, delta_x_mm),
+            ("r_mm", &mut machine.head.r_mm, r_mm),
+            ("xc_mm", &mut machine.table.xc_mm, xc_mm),
+            ("yc_mm", &mut machine.table.yc_mm, yc_mm),
+            ("zc_mm", &mut machine.table.zc_mm, zc_mm),
         ] {
-            if let Some(value) = value {
-                *place = self.length("control", *value)?;
+            match value {
+                Some(value) => *place = self.length(&format!("control.{name}"), *value)?,
+                None if file.is_none() => untold.push(name),
+                None => {}
             }
         }
-        self.warnings.extend(now.doubts());
-        Ok(now)
+        self.warnings.extend(machine.doubts());
+        Ok(InControl { machine, untold, from_file: file.is_some() })
     }
 
     fn given(&mut self, key: &str, value: Option<f64>, u: Option<f64>) -> Result<Measured> {

@@ -7,13 +7,13 @@ use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 use crate::error::Result;
-use crate::machine::Chain;
+use crate::machine::{AxisName, Chain};
 use crate::repeats;
 use crate::rtcp::deviation;
 use crate::table::Table;
 
-/// Columns a sweep may have beside `b_deg`, `c_deg` and the deviation.
-pub const CONDITIONS: [&str; 7] = ["dir_b", "dir_c", "t_s", "temp_c", "x_mm", "y_mm", "z_mm"];
+/// Columns a sweep may have beside its rotary axes, the directions they came from and the deviation.
+const CONDITIONS: [&str; 5] = ["t_s", "temp_c", "x_mm", "y_mm", "z_mm"];
 /// The deviation's columns.
 pub const DEVIATION: [&str; 3] = ["dx_mm", "dy_mm", "dz_mm"];
 
@@ -22,32 +22,49 @@ pub const DEVIATION: [&str; 3] = ["dx_mm", "dy_mm", "dz_mm"];
 pub struct Sweep {
     /// The file, for the columns beyond these.
     pub table: Table,
-    /// B and C of each row, rad.
+    /// The rotary axes, in the order of the machine's joints.
+    pub axes: [AxisName; 2],
+    /// Their angles in each row, rad.
     pub rotary_rad: Vec<[f64; 2]>,
     /// Tool point reached - target, machine frame, where the file has it.
     pub deviation_mm: Option<Vec<Vector3<f64>>>,
 }
 
 impl Sweep {
-    /// Reads `b_deg,c_deg` and, where they are there, `dx_mm,dy_mm,dz_mm` and the conditions.
-    pub fn read(path: impl AsRef<Path>) -> Result<Self> {
-        Self::from_columns(Table::read(path, &["b_deg", "c_deg"], &Self::optional())?)
+    /// Reads the angles of the machine's rotary axes (`b_deg,c_deg`) and, where they are there, `dx_mm,dy_mm,dz_mm` and the conditions.
+    pub fn read(path: impl AsRef<Path>, chain: &Chain) -> Result<Self> {
+        let axes = chain.rotary_names();
+        let (angles, conditions) = (axes.map(AxisName::column_deg), conditions(axes));
+        let optional: Vec<&str> =
+            DEVIATION.into_iter().chain(conditions.iter().map(String::as_str)).collect();
+        Self::of(axes, Table::read(path, &angles.each_ref().map(String::as_str), &optional)?)
     }
 
     /// As [`Sweep::read`], but the deviation must be there, and copies of rows count once.
-    pub fn read_measured(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Self> {
-        let required = ["b_deg", "c_deg", "dx_mm", "dy_mm", "dz_mm"];
-        let mut table = Table::read(path, &required, &CONDITIONS)?;
+    pub fn read_measured(
+        path: impl AsRef<Path>,
+        chain: &Chain,
+        warnings: &mut Vec<String>,
+    ) -> Result<Self> {
+        let axes = chain.rotary_names();
+        let (angles, conditions) = (axes.map(AxisName::column_deg), conditions(axes));
+        let required: Vec<&str> = angles.iter().map(String::as_str).chain(DEVIATION).collect();
+        let optional: Vec<&str> = conditions.iter().map(String::as_str).collect();
+        let mut table = Table::read(path, &required, &optional)?;
         repeats::measured_once(&mut table, &DEVIATION, warnings);
-        Self::from_columns(table)
+        Self::of(axes, table)
     }
 
-    fn optional() -> Vec<&'static str> {
-        DEVIATION.iter().chain(&CONDITIONS).copied().collect()
+    /// The names of the columns that say where and how the poses were, as far as the file has them.
+    pub fn conditions(&self) -> Vec<String> {
+        let angles = self.axes.map(AxisName::column_deg);
+        let all = angles.into_iter().chain(conditions(self.axes));
+        all.filter(|name| self.table.has(name)).collect()
     }
 
-    fn from_columns(table: Table) -> Result<Self> {
-        let (b, c) = (table.column("b_deg")?, table.column("c_deg")?);
+    fn of(axes: [AxisName; 2], table: Table) -> Result<Self> {
+        let [b, c] = axes.map(|axis| table.column(&axis.column_deg()));
+        let (b, c) = (b?, c?);
         let rotary_rad = b.iter().zip(&c).map(|(b, c)| [b.to_radians(), c.to_radians()]).collect();
         let deviation_mm = match DEVIATION.map(|name| table.optional_column(name)) {
             [Ok(Some(x)), Ok(Some(y)), Ok(Some(z))] => {
@@ -60,8 +77,14 @@ impl Sweep {
                 None
             }
         };
-        Ok(Self { table, rotary_rad, deviation_mm })
+        Ok(Self { table, axes, rotary_rad, deviation_mm })
     }
+}
+
+/// Columns beside the angles: `dir_b`, `dir_c`, and the rest.
+fn conditions(axes: [AxisName; 2]) -> Vec<String> {
+    let directions = axes.map(|axis| format!("dir_{}", axis.letter().to_ascii_lowercase()));
+    directions.into_iter().chain(CONDITIONS.map(str::to_owned)).collect()
 }
 
 /// The deviations `real` shows when the control believes `control`, in parallel.

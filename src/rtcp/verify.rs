@@ -147,11 +147,11 @@ fn worst_u95(d: &[Vector3<f64>], noise_mm: f64, dof: f64) -> f64 {
     reach(if worst > 1.5 * by_noise { 1.0 } else { 3.0 }, rivals)
 }
 
-/// Measured and predicted deviations along X, Y, Z, over B (left) and over C (right).
+/// Measured and predicted deviations along X, Y, Z, over the first rotary axis (left) and over the second (right).
 pub fn figure(sweep: &Sweep, report: &Report) -> Figure {
     let mut figure = Figure::new("RTCP sweep: measured and predicted").columns(2);
     for (i, axis) in ['x', 'y', 'z'].into_iter().enumerate() {
-        for (k, name) in ['B', 'C'].into_iter().enumerate() {
+        for (k, name) in sweep.axes.into_iter().enumerate() {
             let over = |d: &[Vector3<f64>]| -> Vec<(f64, f64)> {
                 let mut points: Vec<(f64, f64)> = sweep
                     .rotary_rad

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 use serde::Serialize;
+use serde_json::Value;
 
 use super::Record;
 use crate::batch::limits::{number, u95_key};
@@ -12,7 +13,7 @@ use crate::plot::{Figure, Panel};
 use crate::uncertainty::{K95, k95};
 
 /// What is followed over time: command, key, name, key of its limit.
-const FOLLOWED: [(&str, &str, &str, Option<&str>); 23] = [
+const FOLLOWED: [(&str, &str, &str, Option<&str>); 25] = [
     ("burn", "offset_mm.0", "offset X, mm", None),
     ("burn", "offset_mm.1", "offset Y, mm", None),
     ("burn", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
@@ -21,6 +22,8 @@ const FOLLOWED: [(&str, &str, &str, Option<&str>); 23] = [
     ("burn-mean", "distance_mm", "concentricity, mm", Some("tolerance_mm")),
     ("rod", "axis_center_mm.0", "X_C, mm", None),
     ("rod", "axis_center_mm.1", "Y_C, mm", None),
+    ("rod", "rod_centers.0.center_mm.0", "rod's centre X, mm", None),
+    ("rod", "rod_centers.0.center_mm.1", "rod's centre Y, mm", None),
     ("rod", "diameter_mm", "rod diameter, mm", None),
     ("solve", "xc_mm", "X_C, mm", None),
     ("solve", "yc_mm", "Y_C, mm", None),
@@ -92,7 +95,13 @@ pub fn series(records: &[Record]) -> Vec<Series> {
         if again {
             continue;
         }
+        // At one table angle a rod's centre stands for the C axis: other values, followed by themselves.
+        let one_angle = result.get("axis_separated") == Some(&Value::Bool(false));
+        let other = if one_angle { "axis_center_mm" } else { "rod_centers" };
         for (i, (command, key, label, limit)) in FOLLOWED.iter().enumerate() {
+            if key.starts_with(other) {
+                continue;
+            }
             let Some(value) = number(result, key).filter(|_| record.command == *command) else {
                 continue;
             };

@@ -63,6 +63,10 @@ impl Table {
         let mut rows = Vec::new();
         for record in reader.records() {
             let mut record = record.map_err(|e| csv_error(path, e))?;
+            // A blank line may hold blanks, or a spreadsheet's empty cells.
+            if record.iter().all(str::is_empty) {
+                continue;
+            }
             let start = record.position().map_or(0, |p| p.byte() as usize);
             let line = lines.line_at(record_start(text.as_bytes(), start));
             check_length(path, line, &record, names.len())?;
@@ -285,6 +289,12 @@ mod tests {
     fn empty_columns_at_the_end_are_none() {
         let t = parse("\u{feff}a_mm,b,,\n1,2\n3,,,\n5,6,,,,\n").unwrap();
         assert_eq!((t.names().len(), t.rows(), t.text(2, "b")), (2, 3, "6"));
+    }
+
+    #[test]
+    fn blank_lines_are_no_rows() {
+        let t = parse("a_mm,b\n1,2\n \t\n,\n,,,\n5,6\n\n").unwrap();
+        assert_eq!((t.rows(), t.number(1, "a_mm").unwrap(), t.line(1)), (2, 5.0, 6));
     }
 
     #[test]

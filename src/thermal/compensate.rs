@@ -1,7 +1,9 @@
 //! Corrections from a model, one reading at a time, with flags where the reading is outside what was calibrated.
 
 use std::collections::{BTreeMap, HashMap};
+use std::marker::PhantomData;
 
+use serde::de::{Deserializer, Error as _, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::Model;
@@ -19,9 +21,10 @@ const MARGIN: f64 = 0.05;
 )]
 pub struct Request {
     /// Position of each axis to correct.
+    #[serde(deserialize_with = "each_once")]
     pub position_mm: BTreeMap<String, f64>,
     /// Screw temperature of each axis; `null` where the sensor gives nothing.
-    #[serde(default)]
+    #[serde(default, deserialize_with = "each_once")]
     pub screw_c: BTreeMap<String, Option<f64>>,
     /// All head sensors in their order; `null` where one gives nothing.
     #[serde(default)]
@@ -29,6 +32,30 @@ pub struct Request {
     /// Anything else: refused unless it begins with `x_` or `x-`.
     #[serde(flatten)]
     other: BTreeMap<String, serde_json::Value>,
+}
+
+/// A value for each axis, whose letter may be of either case; an axis that stands twice is refused.
+fn each_once<'de, D: Deserializer<'de>, V: Deserialize<'de>>(
+    from: D,
+) -> Result<BTreeMap<String, V>, D::Error> {
+    struct Axes<V>(PhantomData<V>);
+    impl<'de, V: Deserialize<'de>> Visitor<'de> for Axes<V> {
+        type Value = BTreeMap<String, V>;
+        fn expecting(&self, f: &mut std::fmt::Formatter) -> std::fmt::Result {
+            f.write_str("an object with a value for each axis")
+        }
+        fn visit_map<A: MapAccess<'de>>(self, mut given: A) -> Result<Self::Value, A::Error> {
+            let mut axes = BTreeMap::<String, V>::new();
+            while let Some((name, value)) = given.next_entry::<String, V>()? {
+                if axes.keys().any(|k| k.eq_ignore_ascii_case(&name)) {
+                    return Err(A::Error::custom(format!("axis '{name}' stands twice")));
+                }
+                axes.insert(name, value);
+            }
+            Ok(axes)
+        }
+    }
+    from.deserialize_map(Axes(PhantomData))
 }
 
 /// What the control gets.
@@ -89,7 +116,8 @@ impl Compensator {
         let head = self.head(&request.head_c, &mut flags);
         let mut answer = Answer::default();
         for (axis, &position_mm) in &request.position_mm {
-            let screw_c = request.screw_c.get(axis).copied().flatten().filter(|t| t.is_finite());
+            let of_axis = request.screw_c.iter().find(|(name, _)| name.eq_ignore_ascii_case(axis));
+            let screw_c = of_axis.and_then(|(_, t)| *t).filter(|t| t.is_finite());
             let moved = self.screw(axis, position_mm, screw_c, &mut flags);
             let acts = self.model.head_axes.is_empty()
                 || self.model.head_axes.iter().any(|a| a.eq_ignore_ascii_case(axis));

@@ -45,7 +45,8 @@ fn seen(
     (mean + noise()).round().clamp(0.0, 255.0) as u8
 }
 
-fn opened<P: image::PixelWithColorType<Subpixel = u8>>(
+/// A picture as it is read from a file.
+pub fn opened<P: image::PixelWithColorType<Subpixel = u8>>(
     pixels: image::ImageBuffer<P, Vec<u8>>,
 ) -> Picture {
     let mut png = std::io::Cursor::new(Vec::new());

@@ -78,11 +78,7 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
     }
     for name in ["dir_x", "dir_y"] {
         let column = table.optional_column(name)?.unwrap_or_default();
-        if let Some(row) = column.iter().position(|d| d.abs() > 1.0) {
-            let reason = format!("is {}, no direction", column[row]);
-            let fix = "write 1 where the axis came up to its place, -1 where it came down, 0 where it did not move";
-            return Err(table.error(row, name, reason, fix));
-        }
+        table.check_directions(name, &column, warnings)?;
     }
     warnings.extend(units::angles("c_deg", &table.optional_column("c_deg")?.unwrap_or_default()));
     repeats::pictures_once(&table, warnings)?

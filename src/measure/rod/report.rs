@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::camera::Laser;
 use crate::frame::Channel;
-use crate::uncertainty::Contribution;
+use crate::uncertainty::{Contribution, K95, budget};
 
 /// What is known beforehand.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, schemars::JsonSchema)]
@@ -113,5 +113,11 @@ impl Report {
                 center_u95[k] = center_u95[k].hypot(u95[k]);
             }
         }
+        let laser_mm = (0.5 * (u95[0] * u95[0] + u95[1] * u95[1])).sqrt() / K95;
+        let (axis, others): (Vec<_>, Vec<_>) =
+            std::mem::take(&mut self.budget).into_iter().partition(|c| c.of == "axis_center_mm");
+        let parts = axis.into_iter().map(|c| (c.source, c.u_mm));
+        self.budget = budget("axis_center_mm", parts.chain([("laser offset".into(), laser_mm)]));
+        self.budget.extend(others);
     }
 }
