@@ -1,12 +1,12 @@
 //! Touches of a blank's end face and sides → tilt A, B, height and centre, with uncertainty.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2, Vector3};
 
 use super::alignment::{Alignment, leveller};
 use super::touches::Touches;
 use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::range;
-use crate::uncertainty::{K95, k95, rounding_mm, scatters_more};
+use crate::uncertainty::{K95, distance, k95, rounding_mm, scatters_more};
 
 /// Standard uncertainty of a touch where neither the data nor the user tells it.
 const ASSUMED_TOUCH_MM: f64 = 0.002;
@@ -148,7 +148,11 @@ pub fn fit(touches: &Touches, options: &Options, warnings: &mut Vec<String>) -> 
         };
         warnings.push(format!("{missing} the blank's axis is taken to be where it should be"));
     }
+    let turns = Matrix2::from_diagonal(&Vector2::new(u95[0], u95[1]).map(|u| (u / K95).powi(2)));
+    let (_, tilt_u95) = distance(Vector2::new(best[0], best[1]), turns, f64::INFINITY);
     Ok(Alignment {
+        tilt_deg: (best[0].cos() * best[1].cos()).acos().to_degrees(),
+        tilt_u95_deg: tilt_u95.to_degrees(),
         a_deg: best[0].to_degrees(),
         a_u95_deg: u95[0].to_degrees(),
         b_deg: best[1].to_degrees(),

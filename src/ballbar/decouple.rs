@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::data::Data;
 use super::model::{Bar, ERRORS, Errors, Point, to_unit};
-use super::path::{Path, Setup};
+use super::path::{Kind, Path, Setup};
 use super::report::{Combination, Report, Term, Value};
 use super::sight::{Sight, null_space, rows, suggest};
 use super::swarm;
@@ -75,7 +75,13 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     let by_swarm = problem.swarm(&derivative, &measured, options.swarm)?;
     let dof = (n - unknowns) as f64;
     let rms = solved.residuals.norm() / dof.sqrt();
-    let warnings = data.warnings.iter().cloned().chain(warnings(options, rms, dof)).collect();
+    let warnings = data
+        .warnings
+        .iter()
+        .cloned()
+        .chain(warnings(options, rms, dof))
+        .chain(beside_x(data, &visible))
+        .collect();
     let swarm_value =
         |&i: &usize| Term { name: ERRORS[i].0.to_owned(), value: to_unit(i, by_swarm[i]) };
     let place = |(p, r): (&Point, &f64)| (p.path, p.pose.b_rad.to_degrees(), -r);
@@ -192,6 +198,16 @@ fn warnings(options: &Options, rms_mm: f64, dof: f64) -> Vec<String> {
         warnings.push(format!("the six errors leave {rms_mm:.4} mm, more than the noise: something else is wrong (see diagnose)"));
     }
     warnings
+}
+
+/// The X axis is none of the six: where it moves, what is wrong with it goes into what it looks like.
+fn beside_x(data: &Data, visible: &[usize]) -> Option<String> {
+    let a0b = ERRORS.iter().position(|e| e.0 == "A0B")?;
+    let moves_x = data.paths.iter().any(|(_, path)| path.kind == Kind::Xb);
+    (moves_x && visible.contains(&a0b)).then(|| {
+        "A0B rests on a path that moves X, and X is taken as straight and square: a tilt of 20 µm/m of it looks like 0.004° of A0B"
+            .to_owned()
+    })
 }
 
 fn terms(c: &[f64; 6], factor: impl Fn(usize, f64) -> f64) -> Vec<Term> {

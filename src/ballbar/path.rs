@@ -211,20 +211,60 @@ impl Path {
     }
 }
 
-/// G-code of a path there and back, in inverse time so that every step takes as long. `zero_mm` is where the machine's
+/// By how much the bar's length may change between two blocks, where the axes go straight.
+const CHORD_MM: f64 = 0.0005;
+
+impl Path {
+    /// The poses with further ones between them, so that the axes, going straight from each to the next, keep the bar's length.
+    fn driven(&self, setup: &Setup, poses: &[Pose]) -> Vec<Pose> {
+        let mut list: Vec<Pose> = poses.first().copied().into_iter().collect();
+        for pair in poses.windows(2) {
+            self.drive(setup, pair[0], pair[1], 16, &mut list);
+        }
+        list
+    }
+
+    fn drive(&self, setup: &Setup, from: Pose, to: Pose, halvings: u32, list: &mut Vec<Pose>) {
+        let half = |a: f64, b: f64| 0.5 * (a + b);
+        let straight = Pose {
+            b_rad: half(from.b_rad, to.b_rad),
+            x_mm: half(from.x_mm, to.x_mm),
+            up_mm: half(from.up_mm, to.up_mm),
+        };
+        let [x, up] = straight.tool_mm(setup);
+        let length = x.hypot(up + setup.below_mm).hypot(self.cup_y_mm);
+        let middle = self
+            .pose(setup, straight.b_rad)
+            .filter(|_| halvings > 0 && (length - self.bar_mm(setup)).abs() > CHORD_MM);
+        if let Some(middle) = middle {
+            self.drive(setup, from, middle, halvings - 1, list);
+            self.drive(setup, middle, to, halvings - 1, list);
+        } else {
+            list.push(to);
+        }
+    }
+}
+
+/// G-code of a path there and back, in inverse time so that the tool ball keeps its speed. `zero_mm` is where the machine's
 /// X and Z stand at the path's zero (B axis above the base cup).
 pub fn gcode(
     path: &Path,
+    setup: &Setup,
     poses: &[Pose],
     feed_mm_min: f64,
-    step_mm: f64,
     zero_mm: [f64; 2],
 ) -> String {
+    let driven = path.driven(setup, poses);
+    let step_mm = poses.windows(2).next().map_or(0.0, |p| p[0].apart_mm(&p[1], setup));
     let mut out = format!(
         "(ball bar path {}: {} points, {step_mm:.4} mm apart at {feed_mm_min} mm/min)\nG90 G94\n",
         path.name(),
         poses.len()
     );
+    if driven.len() > poses.len() {
+        let more = driven.len() - poses.len();
+        let _ = writeln!(out, "({more} blocks between them, where the axes would leave the arc)");
+    }
     let words = |p: &Pose| {
         format!(
             "X{:.4} Z{:.4} B{:.4}",
@@ -233,12 +273,13 @@ pub fn gcode(
             p.b_rad.to_degrees() + 0.0
         )
     };
-    if let Some(first) = poses.first() {
+    if let Some(first) = driven.first() {
         let _ = writeln!(out, "G1 {} F500\nM0 (mount the bar)\nG93", words(first));
     }
-    let rate = feed_mm_min / step_mm;
-    for pose in poses.iter().skip(1).chain(poses.iter().rev().skip(1)) {
-        let _ = writeln!(out, "G1 {} F{rate:.4}", words(pose));
+    let there = driven.windows(2).map(|p| (p[0], p[1]));
+    let back = driven.windows(2).rev().map(|p| (p[1], p[0]));
+    for (from, to) in there.chain(back) {
+        let _ = writeln!(out, "G1 {} F{:.4}", words(&to), feed_mm_min / from.apart_mm(&to, setup));
     }
     out.push_str("G94\nM30\n");
     out
@@ -247,6 +288,35 @@ pub fn gcode(
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// On every path the axes go straight from block to block, and the bar keeps its length all the way.
+    #[test]
+    fn programs_keep_the_bars_length_between_their_points() {
+        let setup = Setup::default();
+        for (name, steps) in [("zb", 600), ("xb", 600), ("xbk-y150", 60), ("zbk-y150", 60)] {
+            let path = Path::parse(name).unwrap();
+            let range = Range { from_deg: 0.0, to_deg: -60.0, steps };
+            let poses = path.plan(&setup, range).unwrap();
+            let code = gcode(&path, &setup, &poses, 500.0, [0.0, 0.0]);
+            let number = |line: &str, letter: char| -> f64 {
+                line.split(' ').find_map(|w| w.strip_prefix(letter)?.parse().ok()).unwrap()
+            };
+            let at = |line: &str| ['X', 'Z', 'B'].map(|letter| number(line, letter));
+            let rows: Vec<[f64; 3]> =
+                code.lines().filter(|l| l.starts_with("G1")).map(at).collect();
+            assert!(rows.len() <= 2 * poses.len() + 120, "{name}: {} blocks", rows.len());
+            for pair in rows.windows(2) {
+                for part in [0.25, 0.5, 0.75] {
+                    let [x, z, b]: [f64; 3] =
+                        std::array::from_fn(|i| pair[0][i] + part * (pair[1][i] - pair[0][i]));
+                    let (sin, cos) = b.to_radians().sin_cos();
+                    let (x, up) = (x - 400.0 * sin, z - 400.0 * cos + 800.0);
+                    let off = x.hypot(up).hypot(path.cup_y_mm) - path.bar_mm(&setup);
+                    assert!(off.abs() < 0.001, "{name}: {off} mm at B = {b}");
+                }
+            }
+        }
+    }
 
     #[test]
     fn the_source_path_has_its_steps() {

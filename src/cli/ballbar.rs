@@ -169,7 +169,7 @@ fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
         ));
     }
     if let Some(file) = &args.gcode {
-        let code = path::gcode(&path, &poses, args.feed_mm_min, step_mm, zero);
+        let code = path::gcode(&path, &setup, &poses, args.feed_mm_min, zero);
         global.write(file, code.as_bytes())?;
     }
     let list: Vec<Row> = poses.iter().map(|p| Row::new(&path, p, path.bar_mm(&setup))).collect();

@@ -118,7 +118,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let status =
         if report.verdict == Verdict::Pass { Status::Good } else { Status::OutOfTolerance };
-    Ok(Outcome { document: Some(Document::single(json, table(report))), status })
+    let words = table(report, args.tolerance_mm.is_some());
+    Ok(Outcome { document: Some(Document::single(json, words)), status })
 }
 
 /// One line that is written over and over on a terminal; news stays.
@@ -185,7 +186,7 @@ impl<'a> Terminal<'a> {
     }
 }
 
-fn table(r: &Report) -> String {
+fn table(r: &Report, judged: bool) -> String {
     let pair = |v: [f64; 2], u95: [f64; 2]| {
         format!("X {} mm   Y {} mm", text(v[0], u95[0]), text(v[1], u95[1]))
     };
@@ -193,7 +194,7 @@ fn table(r: &Report) -> String {
     let laser =
         laser.map_or(String::new(), |(v, u95)| format!("laser over it   move {}\n", pair(v, u95)));
     format!(
-        "camera over it  move {}\n{laser}distance        {} mm   Ø {:.4} mm, edge {:.0} %\nframes          {} averaged of {} looked at ({:.1}/s), {} received, {} dropped, {} reconnects\nverdict         {}\n",
+        "camera over it  move {}\n{laser}distance        {} mm   Ø {:.4} mm, edge {:.0} %\nframes          {} averaged of {} looked at ({:.1}/s), {} received, {} dropped, {} reconnects\n{}\n",
         pair(r.move_mm, r.offset_u95_mm),
         text(r.distance_mm, r.distance_u95_mm),
         r.diameter_mm,
@@ -204,6 +205,11 @@ fn table(r: &Report) -> String {
         r.received,
         r.dropped,
         r.reconnects,
-        r.verdict
+        match (judged, r.verdict) {
+            (true, verdict) => format!("verdict         {verdict}"),
+            (false, Verdict::Pass) =>
+                "as sure as asked (no --tolerance-mm: nothing is judged)".to_owned(),
+            (false, _) => "not as sure as asked".to_owned(),
+        }
     )
 }

@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use super::outfiles::OutFile;
-use super::{Global, Outcome, result, rows};
+use super::{Global, Outcome, Status, result, rows};
 use crate::error::Result;
 use crate::output::Document;
 use crate::rotary::{self, Options, Sweep, export};
+use crate::uncertainty::Verdict;
 
 /// Correct a rotary axis' pitch-error table from RTCP deviations
 #[derive(Debug, clap::Args)]
@@ -25,6 +26,9 @@ pub struct Args {
     /// Standard uncertainty of one reading (default: from repeated runs, else from the curve's roughness)
     #[arg(long, value_name = "MM")]
     noise_mm: Option<f64>,
+    /// Judge the sweep: largest deviation allowed (0.015 is usual once a table is in)
+    #[arg(long, value_name = "MM")]
+    tolerance_mm: Option<f64>,
     /// The axis turns without end: 360° is 0°
     #[arg(long)]
     modulo: bool,
@@ -73,6 +77,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         comp_sense: args.comp_sense,
         incremental: args.incremental,
         reference_deg: args.reference_deg,
+        tolerance_mm: args.tolerance_mm,
         ..Options::new(args.pivot_mm)
     };
     let sweep = Sweep::read(&args.deviations, args.modulo)?;
@@ -105,5 +110,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let json = result("rotary", &args.deviations, &report.warnings, &report);
-    Ok(Outcome::good(Document { json, rows: rows(&report.rows), table: report.text() }))
+    let document = Document { json, rows: rows(&report.rows), table: report.text() };
+    let good = report.verdict.is_none_or(|v| v == Verdict::Pass);
+    let status = if good { Status::Good } else { Status::OutOfTolerance };
+    Ok(Outcome { document: Some(document), status })
 }

@@ -81,10 +81,8 @@ pub struct Compared {
     judged: &'static str,
     /// The largest deviation of those.
     worst_mm: f64,
-    /// Half-width of its 95 % interval, downwards: it was chosen for its noise, too.
+    /// Half-width of its 95 % interval, which holds that it was chosen for its noise, too.
     worst_u95_mm: f64,
-    /// The same upwards: the truly largest is seen no smaller than its own noise makes it.
-    worst_u95_up_mm: f64,
     /// Standard uncertainty of a measured component.
     noise_mm: f64,
     /// Where it is from: `given`, `poses measured again` or `assumed`.
@@ -269,7 +267,6 @@ fn compared(report: Report, sweep: &Sweep, options: Options, plot: Option<PathBu
         judged: if options.corrected { "after" } else { "before" },
         worst_mm: report.worst_mm,
         worst_u95_mm: report.worst_u95_mm,
-        worst_u95_up_mm: report.worst_u95_up_mm,
         noise_mm: report.noise_mm,
         noise_source: report.noise_source,
         tolerance_mm: options.tolerance_mm,
@@ -296,10 +293,9 @@ fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
     line("left", &report.after);
     let _ = writeln!(
         table,
-        "largest deviation {:.4} mm (95 %: -{:.4} +{:.4} mm, noise {:.4} mm: {}), {} {} mm: {}",
+        "largest deviation {:.4} ± {:.4} mm (noise {:.4} mm: {}), {} {} mm: {}",
         report.worst_mm,
         report.worst_u95_mm,
-        report.worst_u95_up_mm,
         report.noise_mm,
         report.noise_source,
         if options.corrected {

@@ -16,7 +16,7 @@ pub use report::{Flag, Report, Row, Rule, Summary};
 pub use sweep::{Direction, Group, Noise, Sweep};
 
 use crate::error::{Error, Result, above_zero};
-use crate::uncertainty::K95;
+use crate::uncertainty::{K95, Verdict};
 use crate::units;
 
 /// Pitch errors of real axes are far smaller, deg.
@@ -45,6 +45,8 @@ pub struct Options {
     pub incremental: bool,
     /// Where the old incremental table is zero.
     pub reference_deg: f64,
+    /// Largest deviation allowed, where the sweep is to be judged.
+    pub tolerance_mm: Option<f64>,
 }
 
 impl Options {
@@ -59,12 +61,16 @@ impl Options {
             comp_sense: 1.0,
             incremental: false,
             reference_deg: 0.0,
+            tolerance_mm: None,
         }
     }
 
     fn validate(&self) -> Result<()> {
         let fix = "give the measured distance from the rotary axis to the tool point in mm";
         above_zero("--pivot-mm", self.pivot_mm, fix)?;
+        if let Some(limit) = self.tolerance_mm {
+            above_zero("--tolerance-mm", limit, "give a length in mm")?;
+        }
         for (option, value) in [
             ("--pivot-u-mm", self.pivot_u_mm),
             ("--dead-band-mm", self.dead_band_mm),
@@ -161,8 +167,15 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
             flags,
         });
     }
+    let summary = Summary::of(&rows, options, &noise);
+    let judge = |limit| match summary.before_max_u95_mm {
+        Some(u95) => Verdict::of(summary.before_max_mm, u95, limit),
+        None => Verdict::Undecided,
+    };
     Ok(Report {
-        summary: Summary::of(&rows, options, &noise),
+        tolerance_mm: options.tolerance_mm,
+        verdict: options.tolerance_mm.map(judge),
+        summary,
         rows,
         modulo: options.modulo,
         warnings,

@@ -5,6 +5,7 @@ use serde::Serialize;
 use super::sweep::NoiseSource;
 use super::{Direction, Noise, Options, PRINTED_RULE_DEG_PER_MM};
 use crate::plot::{Figure, Panel};
+use crate::uncertainty::Verdict;
 
 /// One angle (and direction) of the table.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
@@ -66,6 +67,8 @@ pub struct Summary {
     pub pivot_mm: f64,
     /// Largest deviation before.
     pub before_max_mm: f64,
+    /// Half-width of its 95 % interval, the widest of all angles'; null where nothing tells the noise.
+    pub before_max_u95_mm: Option<f64>,
     /// Largest deviation expected after: what is left plus its 95 % half-width.
     pub after_max_mm: f64,
     /// Largest deviation left by the table alone.
@@ -100,6 +103,11 @@ impl Summary {
         Self {
             pivot_mm: length,
             before_max_mm: max(&|r| r.deviation_mm.abs()),
+            before_max_u95_mm: rows
+                .iter()
+                .map(|r| r.deviation_u95_mm)
+                .reduce(|a, b| Some(a?.max(b?)))
+                .flatten(),
             after_max_mm,
             after_table_max_mm,
             reversal_deg: reversal(rows),
@@ -144,6 +152,10 @@ pub struct Report {
     pub rows: Vec<Row>,
     /// The sweep in a few numbers.
     pub summary: Summary,
+    /// Largest deviation allowed; null where none was given.
+    pub tolerance_mm: Option<f64>,
+    /// Of the largest deviation measured; null without a tolerance.
+    pub verdict: Option<Verdict>,
     /// Whether the axis turns without end.
     #[serde(skip)]
     pub modulo: bool,
@@ -209,6 +221,13 @@ impl Report {
             "\nlargest deviation: {:.4} mm before, {:.4} mm expected after (table {:.4} mm + noise)\n",
             s.before_max_mm, s.after_max_mm, s.after_table_max_mm
         ));
+        if let Some((limit, verdict)) = self.tolerance_mm.zip(self.verdict) {
+            let u95 = s.before_max_u95_mm.map_or("?".into(), |u| format!("{u:.4}"));
+            out.push_str(&format!(
+                "as measured {:.4} ± {u95} mm, limit {limit} mm: {verdict}\n",
+                s.before_max_mm
+            ));
+        }
         if let Some(reversal) = s.reversal_deg {
             out.push_str(&format!("reversal (up - down, mean): {reversal:+.5}°\n"));
         }

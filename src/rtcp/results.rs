@@ -123,6 +123,12 @@ impl RodResult {
         Some(OffAxis { offset_mm, follows })
     }
 
+    /// Twice the eccentricity, where several table angles show it.
+    pub fn run_out(&self) -> Option<Measured> {
+        let e = self.eccentricity_mm.filter(|_| self.rod_centers.len() > 1)?;
+        Some(Measured { value: 2.0 * e, u: 2.0 * self.eccentricity_u95_mm.unwrap_or(0.0) / K95 })
+    }
+
     /// Whether its centre is the rod's at one angle and not the table's axis.
     pub fn is_rods(&self) -> bool {
         self.axis_separated == Some(false)

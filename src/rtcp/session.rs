@@ -75,7 +75,7 @@ impl Session {
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
         let file: File = tomlfile::read(path)?;
-        let mut reader = Reader { path, warnings: Vec::new() };
+        let mut reader = Reader::new(path);
         let named = [
             file.burn.as_ref().and_then(|b| b.result.as_ref()),
             file.rod.result.as_ref(),

@@ -32,9 +32,18 @@ struct RodSeen {
 pub(super) struct Reader<'a> {
     pub(super) path: &'a Path,
     pub(super) warnings: Vec<String>,
+    /// The rod's run-out, where pictures at several table angles show it.
+    run_out: Option<Measured>,
 }
 
-impl Reader<'_> {
+/// What S2 calls it.
+const RUN_OUT: &str = "rod run-out over a turn of C";
+
+impl<'a> Reader<'a> {
+    pub(super) fn new(path: &'a Path) -> Self {
+        Self { path, warnings: Vec::new(), run_out: None }
+    }
+
     pub(super) fn session(&mut self, file: File) -> Result<Session> {
         if let Some(schema) = file.schema.filter(|&s| s != 1) {
             let reason = format!("is {schema}, this program reads 1");
@@ -43,26 +52,36 @@ impl Reader<'_> {
         if file.c_sense.abs() != 1 {
             return Err(self.wrong("c_sense", format!("is {}", file.c_sense), "write 1 or -1"));
         }
-        let mut limits = Vec::new();
+        let (mut limits, mut unchecked) = (Vec::new(), Vec::new());
         let b_zero_u_rad = self.b_zero(file.burn.as_ref(), &file.touch, &mut limits)?;
         let indicator = file.checks.indicator_u_mm;
         self.uncertainty("checks.tolerance_mm", file.checks.tolerance_mm)?;
         for (what, key, value) in [
             ("rod parallel to Z", "checks.rod_parallel_mm", file.checks.rod_parallel_mm),
-            ("rod run-out over a turn of C", "checks.rod_runout_mm", file.checks.rod_runout_mm),
+            (RUN_OUT, "checks.rod_runout_mm", file.checks.rod_runout_mm),
         ] {
-            match value {
-                Some(value) => {
-                    let value = Measured {
-                        value: self.uncertainty(key, value)?,
-                        u: self.uncertainty("checks.indicator_u_mm", indicator)?,
-                    };
-                    limits.push(Limit::new("S2", what, value, file.checks.tolerance_mm));
-                }
-                None => self.warnings.push(format!("S2: {what} is not in [checks]: not checked")),
+            if let Some(value) = value {
+                let value = Measured {
+                    value: self.uncertainty(key, value)?,
+                    u: self.uncertainty("checks.indicator_u_mm", indicator)?,
+                };
+                limits.push(Limit::new("S2", what, value, file.checks.tolerance_mm));
+            } else {
+                unchecked.push(what);
             }
         }
         let readings = self.readings(&file, b_zero_u_rad)?;
+        if let Some(seen) = self.run_out.filter(|_| unchecked.contains(&RUN_OUT)) {
+            unchecked.retain(|what| *what != RUN_OUT);
+            limits.push(Limit::new("S2", RUN_OUT, seen, file.checks.tolerance_mm));
+        }
+        let not_checked = |what| format!("S2: {what} is not in [checks]: not checked");
+        self.warnings.extend(unchecked.into_iter().map(not_checked));
+        if file.head.standoff_mm == 0.0 {
+            self.warnings.push(
+                "head.standoff_mm is zero or not given: R + stand-off is the distance to the nozzle's face, not to the focus".into(),
+            );
+        }
         let standoff_mm = Measured {
             value: self.length("head.standoff_mm", file.head.standoff_mm)?,
             u: self.uncertainty("head.standoff_u_mm", file.head.standoff_u_mm)?,
@@ -242,6 +261,15 @@ impl Reader<'_> {
                 }
                 if result.rod_centers.len() > 1 {
                     eccentricity = eccentricity.or(result.eccentricity_mm);
+                    self.run_out = result.run_out();
+                    if touch_c_deg.is_none()
+                        && self.run_out.is_some_and(|r| r.value > checks.tolerance_mm)
+                    {
+                        self.warnings.push(
+                            "touch.c_deg is not given: where the rod stood during the touches is not known, and all its eccentricity is in ΔX's interval"
+                                .into(),
+                        );
+                    }
                 }
                 let measured = result.diameter_mm.map(|value| Measured {
                     value,
@@ -400,13 +428,13 @@ impl Reader<'_> {
 
 /// What the pictures say against the run-out that was read: they see half of it as eccentricity.
 fn runs_out(seen: &RodResult, checks: &Checks) -> Option<String> {
-    let (e, read) = (seen.eccentricity_mm?, checks.rod_runout_mm?);
-    let u95 = 2.0 * seen.eccentricity_u95_mm.unwrap_or(0.0);
-    let apart = (2.0 * e - read).abs();
-    (seen.rod_centers.len() > 1 && apart > u95.hypot(K95 * checks.indicator_u_mm)).then(|| {
+    let (run_out, read) = (seen.run_out()?, checks.rod_runout_mm?);
+    let apart = (run_out.value - read).abs();
+    (apart > K95 * run_out.u.hypot(checks.indicator_u_mm)).then(|| {
         format!(
-            "S2, rod: the pictures see a run-out of {:.4} ± {u95:.4} mm, checks.rod_runout_mm says {read} mm: was it the same rod, clamped alike?",
-            2.0 * e
+            "S2, rod: the pictures see a run-out of {:.4} ± {:.4} mm, checks.rod_runout_mm says {read} mm: was it the same rod, clamped alike?",
+            run_out.value,
+            run_out.u95()
         )
     })
 }

@@ -46,10 +46,8 @@ pub struct Report {
     pub noise_doubt: Option<String>,
     /// The largest deviation: measured, or left once the model's values are in the control.
     pub worst_mm: f64,
-    /// Half-width of its 95 % interval, downwards: it was chosen for its noise, too.
+    /// Half-width of its 95 % interval, which holds that it was chosen for its noise, too.
     pub worst_u95_mm: f64,
-    /// The same upwards: the truly largest deviation is seen no smaller than its own noise makes it.
-    pub worst_u95_up_mm: f64,
     /// Size of the measured deviations.
     pub before: Size,
     /// Size of what the model leaves.
@@ -82,11 +80,7 @@ pub fn verify(
     };
     let lengths = if options.corrected { &rest } else { &measured };
     let worst_u95_mm = worst_u95(lengths, noise_mm, dof);
-    let worst_u95_up_mm = k95(dof) * noise_mm;
-    let verdict = match Verdict::of(worst_mm, worst_u95_up_mm, options.tolerance_mm) {
-        Verdict::Fail => Verdict::of(worst_mm, worst_u95_mm, options.tolerance_mm),
-        clear => clear,
-    };
+    let verdict = Verdict::of(worst_mm, worst_u95_mm, options.tolerance_mm);
     Report {
         measured,
         predicted,
@@ -97,7 +91,6 @@ pub fn verify(
         noise_doubt: noise_doubt(options.noise_mm, repeats),
         worst_mm,
         worst_u95_mm,
-        worst_u95_up_mm,
         before,
         after,
         verdict,

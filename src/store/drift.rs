@@ -32,7 +32,7 @@ const FOLLOWED: [(&str, &str, &str, Option<&str>); 25] = [
     ("solve", "delta_x_mm", "ΔX, mm", None),
     ("solve", "r_mm", "R, mm", None),
     ("verify", "worst_mm", "largest deviation, mm", Some("tolerance_mm")),
-    ("rotary", "summary.before_max_mm", "largest deviation, mm", None),
+    ("rotary", "summary.before_max_mm", "largest deviation, mm", Some("tolerance_mm")),
     ("calib-check", "deviation_mm", "diameter's deviation, mm", None),
     ("calib-check", "scale_error_percent", "scale error, %", None),
     ("calib-check", "rotation_error_deg", "turn, °", None),

@@ -8,6 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use super::Model;
 use super::head::{Head, Predictor};
+use crate::error::{self, Error};
+use crate::table::Table;
 
 /// Readings further outside the calibrated range than its width plus this are no temperatures of a working sensor.
 const IMPLAUSIBLE_C: f64 = 20.0;
@@ -91,6 +93,22 @@ impl Compensator {
     /// Ready to answer.
     pub fn new(model: Model, options: Options) -> Self {
         Self { model, options, predictors: HashMap::new(), held: Vec::new() }
+    }
+
+    /// Refuses a table of readings with so many head sensors that this model could correct nothing by.
+    pub fn accepts(&self, table: &Table, sensors: usize) -> error::Result<()> {
+        let needed = self.model.head.as_ref().map_or(0, |head| head.sensors);
+        let does_without = sensors == 0 && !self.model.head_axes.is_empty();
+        if needed > 0 && sensors != needed && !does_without {
+            let reason = format!("has {sensors} head sensors where the model has {needed}");
+            let fix = format!("give head_1_c to head_{needed}_c, empty where a sensor is dead");
+            return Err(Error::file(table.path(), reason, fix));
+        }
+        if !self.model.screws.is_empty() && !table.has("screw_c") {
+            let fix = "add the screws' temperatures";
+            return Err(Error::field(table.path(), None, "column 'screw_c'", "is missing", fix));
+        }
+        Ok(())
     }
 
     /// Answers one JSON line; a line that cannot be read gets the flag `bad-line` and no correction.

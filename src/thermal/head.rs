@@ -246,6 +246,12 @@ pub fn fit(data: &Data, options: &Options, warnings: &mut Vec<String>) -> Result
     };
     let mut total = blocks.total();
     let chosen = blocks.chosen(constant);
+    if chosen.len() == 1 {
+        warnings.push(
+            "the head's displacement rests on one sensor: what it does not feel is not corrected, and a fault of it is not noticed (two to ten are usual)"
+                .into(),
+        );
+    }
     let columns = with_constant(chosen.clone(), sensors, constant);
     let solved = total.solve(&columns).ok_or_else(|| {
         fail(

@@ -45,6 +45,7 @@ pub fn correct(compensator: &mut Compensator, path: &Path) -> Result<Report> {
     let table =
         Table::read(path, &["axis", "position_mm"], &["screw_c", "error_mm", "t_s", "head_*_c"])?;
     let head = sensor_columns(&table)?;
+    compensator.accepts(&table, head.len())?;
     let errors = table.optional_column("error_mm")?;
     let maybe = |row: usize, name: &str| -> Result<Option<f64>> {
         if table.text(row, name).is_empty() { Ok(None) } else { table.number(row, name).map(Some) }
