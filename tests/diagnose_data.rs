@@ -9,6 +9,20 @@ use std::path::Path;
 use common::{BAR, class, diagnose, normal, run};
 use serde_json::Value;
 
+/// `docs/effects.md` names every effect with its parameters as this build has them; `PIVOTSIGHT_WRITE=1` makes it anew.
+#[test]
+fn the_page_of_effects_is_this_builds() {
+    let page = pivotsight::diagnose::catalogue::markdown().unwrap();
+    if std::env::var_os("PIVOTSIGHT_WRITE").is_some() {
+        std::fs::write("docs/effects.md", &page).unwrap();
+    }
+    let written = std::fs::read_to_string("docs/effects.md").unwrap().replace("\r\n", "\n");
+    assert!(written == page, "make docs/effects.md anew: the test's header says how");
+    for name in pivotsight::diagnose::effects::NAMES {
+        assert!(page.contains(&format!("| `{name}` |")), "{name}");
+    }
+}
+
 /// The source's second path, whose cup lies beside the plane of motion; then the same with names and a zero of Z of one's own.
 #[test]
 fn ball_bar_cups_are_found_wherever_they_are() {

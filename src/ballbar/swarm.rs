@@ -41,8 +41,13 @@ pub fn minimise(
     options: Options,
     cost: impl Fn(&[f64]) -> f64,
 ) -> Result<Vec<f64>> {
-    let fail =
-        |e: argmin::core::Error| Error::measure("particle swarm", e.to_string(), "leave it out");
+    let fail = |e: argmin::core::Error| {
+        Error::measure(
+            "particle swarm",
+            e.to_string(),
+            "report the file as a bug: the least squares beside it need no swarm",
+        )
+    };
     let bounds = (vec![-bound; dimensions], vec![bound; dimensions]);
     let solver = ParticleSwarm::new(bounds, options.particles)
         .with_rng_generator(Xoshiro256PlusPlus::seed_from_u64(options.seed));
@@ -51,5 +56,11 @@ pub fn minimise(
         .run()
         .map_err(fail)?;
     let best = result.state().get_best_param().map(|p| p.position.clone());
-    best.ok_or_else(|| Error::measure("particle swarm", "found nothing", "leave it out"))
+    best.ok_or_else(|| {
+        Error::measure(
+            "particle swarm",
+            "found nothing",
+            "report the file as a bug: the least squares beside it need no swarm",
+        )
+    })
 }

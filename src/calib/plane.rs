@@ -265,7 +265,6 @@ mod tests {
                 }
             }
             let share = inside.map(|n| n as f64 / CASES as f64);
-            println!("{} positions: {share:?}", side * side);
             assert!(share.iter().all(|s| (0.92..0.98).contains(s)), "{side}: {share:?}");
         }
     }

@@ -189,7 +189,6 @@ mod tests {
         let rms = (errors.iter().map(|e| (e - mean).norm_squared()).sum::<f64>() / 200.0).sqrt();
         // Noise over the root of the sum of squared slopes: 60²/2 sech⁴ over a rim of 2πR, half of it each way.
         let bound = 3.0 / (900.0 * 4.0 / 3.0 * std::f64::consts::PI * RADIUS_PX).sqrt();
-        println!("{rms:.4} px, bound {bound:.4}, mean {:.4}", mean.norm());
         assert!(rms < 1.5 * bound && mean.norm() < 5.0 * bound, "{rms} {bound} {mean}");
     }
 }

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result, rows};
+use crate::diagnose::catalogue;
 use crate::error::Result;
 use crate::machine::{Machine, entered};
 use crate::output::Document;
@@ -77,7 +78,9 @@ pub struct Line {
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    let (machine, folded) = entered(&Machine::read(&args.machine)?);
+    let machine = Machine::read(&args.machine)?;
+    catalogue::check(&machine).map_err(|e| e.in_file(&args.machine, None))?;
+    let (machine, folded) = entered(&machine);
     let made = export(&machine, args.control)?;
     let unconfirmed =
         made.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();

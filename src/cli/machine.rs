@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result};
-use crate::diagnose::data;
+use crate::diagnose::catalogue;
 use crate::error::{Error, Result};
 use crate::machine::{Effect, Kinematics, Machine, Side, frames_svg};
 use crate::output::Document;
@@ -60,9 +60,7 @@ struct Axis {
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     let chain = machine.chain()?;
-    for effect in &machine.effects {
-        data::spelt(effect).map_err(|e| e.in_file(&args.machine, None))?;
-    }
+    catalogue::check(&machine).map_err(|e| e.in_file(&args.machine, None))?;
     let warnings = machine.doubts();
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     if let Some(path) = &args.figure {

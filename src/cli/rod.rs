@@ -8,10 +8,12 @@ use super::pictures::overlay_names;
 use super::{Global, Outcome, result};
 use crate::camera::{Calibration, Identity};
 use crate::draw;
-use crate::error::Result;
+use crate::error::{Error, Result, above_zero};
 use crate::frame::{Channel, Picture};
 use crate::measure::cross::{self, Opinion};
-use crate::measure::rod::{self, Capture, Measured, Options, Report, points_csv, read_captures};
+use crate::measure::rod::{
+    self, Capture, Measured, Options, Report, RimPoint, points_csv, read_captures, read_points,
+};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
 use crate::units;
@@ -19,12 +21,16 @@ use crate::units;
 /// Measures the check rod from captures of its rim: the C axis, the rod's diameter and eccentricity
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Table of the captures: image,x_mm,y_mm and optionally z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y
+    /// Table of the captures: image,x_mm,y_mm and optionally z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y; without `image`: points of the rim that
+    /// were aimed at by hand, x_mm,y_mm and optionally c_deg
     #[arg(value_name = "CAPTURES.csv")]
     captures: PathBuf,
-    /// The camera's calibration file
+    /// The camera's calibration file; of points aimed at with the camera's crosshair its laser offset alone is used
     #[arg(long, value_name = "FILE")]
-    calib: PathBuf,
+    calib: Option<PathBuf>,
+    /// Standard uncertainty of a point aimed at by hand (default: from the points' scatter)
+    #[arg(long, value_name = "U")]
+    aim_u_mm: Option<f64>,
     /// The rod's nominal diameter
     #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
@@ -51,8 +57,9 @@ pub struct Args {
 /// What is printed.
 #[derive(serde::Serialize, schemars::JsonSchema)]
 pub struct Output<'r> {
-    /// What it was measured with.
-    calibration: Identity,
+    /// What it was measured with; not of points aimed at without one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    calibration: Option<Identity>,
     /// The overlays written.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     overlays: Vec<PathBuf>,
@@ -71,7 +78,21 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         c_sense: args.c_sense,
         channel: args.channel,
     };
-    let (calibration, identity) = Calibration::identified(&args.calib)?;
+    if let Some(points) = read_points(&args.captures)? {
+        return aimed(args, &points, &options, global);
+    }
+    if args.aim_u_mm.is_some() {
+        let fix = "leave it out: pictures tell how surely their edges are seen";
+        return Err(Error::option("--aim-u-mm", "is for points aimed at by hand", fix));
+    }
+    let calib = args.calib.as_ref().ok_or_else(|| {
+        Error::option(
+            "--calib",
+            "is missing: the table names pictures",
+            "give the camera's calibration file",
+        )
+    })?;
+    let (calibration, identity) = Calibration::identified(calib)?;
     let mut warnings = Vec::new();
     let captures = read_captures(&args.captures, &mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
@@ -102,9 +123,39 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let mut words = table(report);
     opinions().for_each(|o| words.push_str(&format!("{}\n", o.line())));
-    let output = Output { calibration: identity, overlays, report, cross_check };
+    let output = Output { calibration: Some(identity), overlays, report, cross_check };
     let json = result("rod", &args.captures, &output.report.warnings, &output);
     Ok(Outcome::good(Document::single(json, words)))
+}
+
+/// The rod from points of its rim that were aimed at by hand.
+fn aimed(args: &Args, points: &[RimPoint], options: &Options, global: &Global) -> Result<Outcome> {
+    for (option, given) in [
+        ("--points", args.points.is_some()),
+        ("--overlay", args.overlay.is_some()),
+        ("--cross-check", args.cross_check),
+    ] {
+        if given {
+            let reason = "needs pictures, and the table has no column 'image'";
+            return Err(Error::option(option, reason, "leave it out"));
+        }
+    }
+    if let Some(u) = args.aim_u_mm {
+        above_zero("--aim-u-mm", u, "give a standard uncertainty in mm")?;
+    }
+    let calibration = args.calib.as_ref().map(Calibration::identified).transpose()?;
+    let laser = calibration.as_ref().and_then(|(c, _)| c.laser.as_ref());
+    let report = rod::measure_points(points, args.aim_u_mm, laser, options)
+        .map_err(|e| e.in_file(&args.captures, None))?;
+    report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
+    let output = Output {
+        calibration: calibration.map(|(_, identity)| identity),
+        overlays: Vec::new(),
+        report: &report,
+        cross_check: None,
+    };
+    let json = result("rod", &args.captures, &report.warnings, &output);
+    Ok(Outcome::good(Document::single(json, table(&report))))
 }
 
 /// A word on positions that may be in another unit.
@@ -173,6 +224,9 @@ fn table(r: &Report) -> String {
             let at = format!("rod at C {}°", (1e3 * c.c_deg).round() / 1e3);
             let _ = writeln!(t, "{at:<13} {}", pair(c.center_mm, c.center_u95_mm));
         }
+    }
+    if r.captures.is_empty() {
+        return t;
     }
     let _ =
         writeln!(t, "capture                     X          Y      C   edge   mean      rms (mm)");

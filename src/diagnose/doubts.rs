@@ -6,6 +6,7 @@ use std::collections::BTreeMap;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
+use crate::diagnose::report::NamedEffect;
 use crate::diagnose::select::Selection;
 
 /// What an effect adds to no machine's outputs, mm.
@@ -32,6 +33,26 @@ pub fn slipped_captures(captures: &[usize], layout: &Layout) -> Option<String> {
         format!(
             "captures that lie apart as a whole are set aside (they begin at row {}): check where the machine stood for them",
             rows.join(", ")
+        )
+    })
+}
+
+/// Numbers of a named effect that these data do not tell by themselves.
+pub fn untold(fitter: &Fitter, s: &Selection, named: &NamedEffect) -> Option<String> {
+    let effects = fitter.experiment.effects();
+    let active =
+        s.fitted.model.active.iter().find(|a| effects[a.effect].name == named.name.as_str())?;
+    let form = effects[active.effect].forms[active.form].iter().zip(&active.values);
+    let untold = form
+        .filter(|(p, v)| !p.is_switch() && !p.is_at_limit(**v))
+        .map(|(p, _)| p.name.as_ref())
+        .filter(|name| !named.parameters_u95.contains_key(*name));
+    let names: Vec<&str> = untold.collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "{}: these data do not tell {} (it shows at no place that was measured, or only together with something else): the value is no measurement",
+            named.name,
+            names.join(", ")
         )
     })
 }

@@ -192,6 +192,9 @@ impl Term {
             Shape::Harmonic(k) => {
                 format!("{output} goes through {k} cycle(s) a turn of {variable}, {size}")
             }
+            Shape::Power(1) => {
+                format!("{output} follows a straight line in {variable}, {size}")
+            }
             Shape::Power(k) => {
                 format!("{output} follows a polynomial of degree {k} in {variable}, {size}")
             }

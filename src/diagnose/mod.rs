@@ -4,6 +4,7 @@ mod again;
 mod algebra;
 mod basis;
 mod by_site;
+pub mod catalogue;
 mod classes;
 pub mod data;
 pub(crate) mod doubts;

@@ -1,5 +1,7 @@
 //! Observations that are set aside: a slipped reading is no effect, and no shape should be bent to follow it.
 
+use std::collections::BTreeMap;
+
 use nalgebra::DVector;
 
 use crate::diagnose::algebra::orthonormal;
@@ -176,7 +178,9 @@ fn settle<'a>(
     };
     let layout = experiment.layout();
     let (mut fitter, mut selection) = run(&outliers);
-    for _ in 0..2 {
+    /// Single values first, captures once those are gone.
+    const ROUNDS: usize = 3;
+    for _ in 0..ROUNDS {
         let found = far(&fitter, &selection.fitted, layout);
         let all: Vec<usize> = outliers.iter().chain(&found).copied().collect();
         if found.is_empty() || !few_of(&all, layout) {
@@ -262,8 +266,27 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let own = |row: usize| white[(row, 0)] / left(row).sqrt();
     let rest: Vec<f64> = (0..n).map(|i| own(top + i)).collect();
     let is_far = beyond(&rest, |i| fitter.space.kept(i), &layout.classes);
+    let alone: Vec<usize> = (0..n).filter(|&i| fitter.space.kept(i) && is_far[i]).collect();
+    if layout.random.is_empty() {
+        return alone;
+    }
+    // A value that lies far within its capture draws the shared parts along, and with them the others: without it they may all be where
+    // they belong.
+    let mut farthest: BTreeMap<usize, usize> = BTreeMap::new();
+    for i in alone {
+        let first = farthest.entry(layout.groups[i]).or_insert(i);
+        if rest[i].abs() > rest[*first].abs() {
+            *first = i;
+        }
+    }
     let slipped = slipped_captures(fitter, layout, own);
-    (0..n).filter(|&i| fitter.space.kept(i) && (is_far[i] || slipped[layout.groups[i]])).collect()
+    let whole = |i: &usize| {
+        let group = layout.groups[*i];
+        slipped[group] && fitter.space.kept(*i) && !farthest.contains_key(&group)
+    };
+    let mut found: Vec<usize> = (0..n).filter(whole).chain(farthest.values().copied()).collect();
+    found.sort_unstable();
+    found
 }
 
 /// Captures that lie apart as a whole from where a fit has them; `own` gives what a row of the whitened residual leaves.

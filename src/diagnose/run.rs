@@ -197,6 +197,10 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         .filter_map(|e| e.untestable.as_ref().map(|u| (e.name.to_string(), u.why.clone())))
         .collect();
     let slips = doubts::slipped_captures(&whole_captures(&outliers, layout), layout);
+    let effects = named_effects(fitter, s, &pairs);
+    let doubts = doubts::of_answer(fitter, s, &pairs).into_iter().chain(slips);
+    let doubts = doubts.chain(effects.iter().filter_map(|e| doubts::untold(fitter, s, e)));
+    let doubts = doubts.collect();
     Report {
         kind: fitter.experiment.kind().into(),
         verdict,
@@ -204,7 +208,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         noise_source: noise_source(fitter, layout, f),
         captures: layout.group_count(),
         observations: layout.values.len(),
-        effects: named_effects(fitter, s, &pairs),
+        effects,
         in_the_control: Vec::new(),
         unnamed,
         gap,
@@ -213,7 +217,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         outliers: set_aside(fitter.experiment, &outliers),
         untested,
         lack_of_fit_p: p,
-        doubts: doubts::of_answer(fitter, s, &pairs).into_iter().chain(slips).collect(),
+        doubts,
         residuals: Residuals {
             before_mm: s.baseline.residual.clone(),
             after_mm: named.residual.clone(),

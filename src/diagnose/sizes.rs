@@ -82,18 +82,29 @@ fn others(
         .collect()
 }
 
-/// Name, value and standard deviation of the sizes of the effect at place `i`.
+/// Least part of a coefficient's own direction that the data have to show.
+const LEAST_SHOWN: f64 = 1.0 - 1e-6;
+
+/// Name, value and standard deviation of the sizes of the effect at place `i`; infinite where the data do not show a coefficient by itself, as
+/// a wave that is zero at every angle.
 fn sizes(fitter: &Fitter, f: &Fitted, i: usize) -> Vec<(String, f64, f64)> {
     let own = &f.model.active[i];
     let at = fitter.offsets(&f.model)[i];
+    // The pseudo-inverse times what it is of projects onto what is shown.
+    let shown = (f.rank < f.covariance.nrows()).then(|| {
+        let white = fitter.whiten(&f.tangent, &f.noise);
+        (&f.covariance * white.tr_mul(&white)).diagonal()
+    });
+    let sd = |k: usize| match &shown {
+        Some(part) if part[k] < LEAST_SHOWN => f64::INFINITY,
+        _ => f.covariance[(k, k)].max(0.0).sqrt(),
+    };
     fitter.experiment.effects()[own.effect].forms[own.form]
         .iter()
         .zip(&own.values)
         .filter(|(p, _)| !p.is_switch())
         .enumerate()
-        .map(|(j, (p, value))| {
-            (p.name.to_string(), *value, f.covariance[(at + j, at + j)].max(0.0).sqrt())
-        })
+        .map(|(j, (p, value))| (p.name.to_string(), *value, sd(at + j)))
         .collect()
 }
 
@@ -110,6 +121,9 @@ fn half_width(cases: &[Case], k: f64) -> f64 {
         };
         cases.iter().map(tail).sum::<f64>() / total
     };
+    if cases.iter().any(|c| !c.sd.is_finite()) {
+        return f64::INFINITY;
+    }
     let (mut least, mut most) = (0.0, 0.0f64);
     cases.iter().for_each(|c| most = most.max((c.value - middle).abs() + 3.0 * k * c.sd));
     for _ in 0..60 {

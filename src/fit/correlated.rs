@@ -253,7 +253,7 @@ fn grid(rows: &Rows, known: Option<&Wander>) -> Wander {
     Wander { white: 0.5 * room + (known.white + 1e-3) * (1.0 - room), kernels: own }
 }
 
-/// Mean distance between neighbours in a group, and the largest distance within a group.
+/// Median distance between neighbours in a group, and the largest distance within a group.
 fn spacing_and_extent(rows: &Rows) -> (f64, f64) {
     let mut gaps = Vec::new();
     let mut extent: f64 = 0.0;

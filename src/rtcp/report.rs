@@ -99,7 +99,7 @@ pub struct CheckTouch {
     pub difference_mm: f64,
     /// Half-width of its 95 % interval.
     pub difference_u95_mm: f64,
-    /// Largest difference that passes: three standard uncertainties.
+    /// Largest difference that passes: three standard uncertainties, a micrometre at least.
     pub limit_mm: f64,
     /// Whether they agree.
     pub verdict: Verdict,

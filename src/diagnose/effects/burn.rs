@@ -249,7 +249,7 @@ fn camera(l: &mut L, data: &Columns) {
             "camera-tilt",
             "the camera looks at the plate at an angle: a larger ring is seen further off",
             "dx and dy against the square of the height, as the ring grows with it",
-            HEIGHTS,
+            "the same burns photographed with the plate turned by 180° under the camera: what the camera does stays, what the beam did turns with the plate",
             &["height_mm"],
         ),
         data.shows("height_mm"),

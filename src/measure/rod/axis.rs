@@ -227,7 +227,6 @@ mod tests {
                 widths.push(u95_mm);
             }
             let share = inside as f64 / 300.0;
-            println!("{out_of_place}: {share}, {:.6} mm", median(&mut widths));
             assert!(held.contains(&share), "{out_of_place}: {share}");
             assert!(out_of_place > 0.0 || median(&mut widths) < 1.3 * 1.96 * 0.5 * along_mm);
         }

@@ -115,15 +115,14 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
         })
 }
 
-/// The different table angles, and which one each capture has.
-pub(super) fn table_angles(captures: &[Capture]) -> (Vec<f64>, Vec<usize>) {
+/// The different table angles, and which one each capture or point has.
+pub(super) fn table_angles(c_deg: impl Iterator<Item = f64>) -> (Vec<f64>, Vec<usize>) {
     let mut angles: Vec<f64> = Vec::new();
-    let index = captures
-        .iter()
-        .map(|c| {
-            let same = |a: &f64| apart_deg(*a, c.c_deg) < 1e-6;
+    let index = c_deg
+        .map(|c_deg| {
+            let same = |a: &f64| apart_deg(*a, c_deg) < 1e-6;
             angles.iter().position(same).unwrap_or_else(|| {
-                angles.push(c.c_deg);
+                angles.push(c_deg);
                 angles.len() - 1
             })
         })

@@ -145,7 +145,7 @@ fn free(fit: &Fit, robust: &Joint, shift: &Shift, blur_mm: f64) -> Known {
 }
 
 /// The nominal radius as one more observation: its weight and standard uncertainty, where the edges do not speak against it.
-fn take_nominal(
+pub(super) fn take_nominal(
     all: &mut [&mut Known],
     options: &Options,
     warnings: &mut Vec<String>,
@@ -170,7 +170,7 @@ pub(super) fn not_nominal(diameter_mm: f64, nominal_mm: f64) -> String {
 }
 
 /// The rod's centre at each table angle.
-fn rod_centers(rod: &Known, c_deg: &[f64], factor: f64) -> Vec<RodCenter> {
+pub(super) fn rod_centers(rod: &Known, c_deg: &[f64], factor: f64) -> Vec<RodCenter> {
     let u95 = |i: usize| factor * rod.covariance[(i, i)].max(0.0).sqrt();
     let center = |(a, &c_deg): (usize, &f64)| RodCenter {
         c_deg,
@@ -180,7 +180,7 @@ fn rod_centers(rod: &Known, c_deg: &[f64], factor: f64) -> Vec<RodCenter> {
     c_deg.iter().enumerate().map(center).collect()
 }
 
-fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {
+pub(super) fn centers(rod: &Known, angles: usize) -> Vec<Vector2<f64>> {
     (0..angles).map(|a| rod.pair(2 * a)).collect()
 }
 
@@ -200,7 +200,7 @@ fn wander(refined: &Refined, rod: &Known) -> f64 {
 }
 
 /// The axis. Centres that scatter on no circle about it are refused.
-fn find_axis(
+pub(super) fn find_axis(
     rod: &Known,
     centers: &[Vector2<f64>],
     c_deg: &[f64],

@@ -246,8 +246,8 @@ pub(super) fn refine(
         variance,
         place,
         group: group.clone(),
-        // Where every angle has one capture only, they cannot disagree: then positions have to be taken for exact.
         covariance: None,
+        // Where every angle has one capture only, they cannot disagree: then positions have to be taken for exact.
         displacement: (arcs.len() > angles).then_some(displacement),
         unsteady: UNSTEADY,
         unsteady_if_long: false,

@@ -1,6 +1,7 @@
 //! The check rod: arcs of its rim in several captures → one radius, a centre per table angle, and the C axis.
 
 mod agreement;
+mod aimed;
 mod attempts;
 mod axis;
 mod beside;
@@ -18,6 +19,7 @@ mod sight;
 mod slip;
 mod turned;
 
+pub use aimed::{RimPoint, measure_points, read_points};
 pub use captures::{Capture, read as read_captures};
 pub use points::points_csv;
 pub use report::{CaptureReport, Options, Report, RodCenter};
@@ -136,7 +138,7 @@ pub fn measure_frames(
             ),
         )
     };
-    let (c_deg, angle_of) = captures::table_angles(captures);
+    let (c_deg, angle_of) = captures::table_angles(captures.iter().map(|c| c.c_deg));
     let attempts = Attempts::new(captures, &angle_of, frames, options.diameter_mm);
     let measure_at = |found: &Found| -> Result<Measured> {
         let mut followed = follow(captures, frames, found, &angle_of)?;

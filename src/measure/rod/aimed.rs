@@ -1,0 +1,172 @@
+//! The rod's rim from points that were aimed at by hand: crosshair or probe on the rim, the machine's X and Y read off, no pictures.
+
+use std::path::Path;
+
+use nalgebra::{DMatrix, DVector, Vector2};
+
+use super::axis::{IN_PLACE, Known};
+use super::captures::table_angles;
+use super::finish::{centers, find_axis, rod_centers, take_nominal};
+use super::{Options, Report};
+use crate::camera::Laser;
+use crate::error::{Error, Result};
+use crate::fit::circle::taubin;
+use crate::fit::least_squares;
+use crate::table::Table;
+use crate::uncertainty::{self, budget, k95, scatters_more};
+
+/// How surely a rim is aimed at where nothing tells it, mm.
+const USUAL_AIM_MM: f64 = 0.01;
+/// Degrees of freedom from which the points' own scatter tells it.
+const LEAST_DOF: f64 = 3.0;
+
+/// A point of the rim in machine coordinates.
+#[derive(Debug, Clone, Copy)]
+pub struct RimPoint {
+    /// The machine's X and Y with the aim on the rim.
+    pub position_mm: Vector2<f64>,
+    /// Table angle.
+    pub c_deg: f64,
+}
+
+/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where the table names pictures.
+pub fn read_points(path: impl AsRef<Path>) -> Result<Option<Vec<RimPoint>>> {
+    let path = path.as_ref();
+    if Table::read(path, &["x_mm", "y_mm"], &["*"])?.has("image") {
+        return Ok(None);
+    }
+    let table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
+    let (x, y) = (table.column("x_mm")?, table.column("y_mm")?);
+    let c = table.optional_column("c_deg")?.unwrap_or_else(|| vec![0.0; x.len()]);
+    let point = |i: usize| RimPoint { position_mm: Vector2::new(x[i], y[i]), c_deg: c[i] };
+    Ok(Some((0..x.len()).map(point).collect()))
+}
+
+/// The rod from at least three points of its rim at each table angle; `aim_u_mm` is the standard uncertainty of one.
+///
+/// # Errors
+/// Fewer points, or points on too short an arc to tell a circle.
+pub fn measure_points(
+    points: &[RimPoint],
+    aim_u_mm: Option<f64>,
+    laser: Option<&Laser>,
+    options: &Options,
+) -> Result<Report> {
+    super::check(options)?;
+    let (c_deg, angle_of) = table_angles(points.iter().map(|p| p.c_deg));
+    let angles = c_deg.len();
+    let mut warnings = Vec::new();
+    let mut start = DVector::zeros(2 * angles + 1);
+    for (a, c) in c_deg.iter().enumerate() {
+        let own = points.iter().zip(&angle_of).filter(|(_, of)| **of == a);
+        let own: Vec<Vector2<f64>> = own.map(|(p, _)| p.position_mm).collect();
+        let circle = taubin(&own, &vec![1.0; own.len()]).ok_or_else(|| {
+            Error::measure(
+                format!("C = {c}°"),
+                format!("{} points of the rim make no circle", own.len()),
+                "aim at three points at least, well apart all round",
+            )
+        })?;
+        start.fixed_rows_mut::<2>(2 * a).copy_from(&circle.center);
+        start[2 * angles] += circle.radius / angles as f64;
+    }
+    let solved = least_squares::solve(start, least_squares::Options::default(), |v| {
+        let mut left = DVector::zeros(points.len());
+        let mut jacobian = DMatrix::zeros(points.len(), v.len());
+        for (row, (p, a)) in points.iter().zip(&angle_of).enumerate() {
+            let away: Vector2<f64> = p.position_mm - v.fixed_rows::<2>(2 * a);
+            let distance = away.norm().max(f64::MIN_POSITIVE);
+            left[row] = distance - v[2 * angles];
+            let toward = away / -distance;
+            jacobian[(row, 2 * a)] = toward.x;
+            jacobian[(row, 2 * a + 1)] = toward.y;
+            jacobian[(row, 2 * angles)] = -1.0;
+        }
+        (left, jacobian)
+    });
+    let n = solved.parameters.len();
+    if solved.rank < n || !solved.converged {
+        let fix = "aim at points well apart all round the rim";
+        return Err(Error::measure("the points", "tell no circle", fix));
+    }
+    let dof = solved.dof() as f64;
+    let seen_mm = (solved.chi2() / dof.max(1.0)).sqrt();
+    let (aim_mm, dof) = match aim_u_mm {
+        Some(told) => {
+            if dof > 0.0 && scatters_more(seen_mm, dof, told) {
+                warnings.push(format!(
+                    "the points scatter by {seen_mm:.4} mm about the rim, more than --aim-u-mm says: the interval is too narrow"
+                ));
+            }
+            (told, f64::INFINITY)
+        }
+        None if dof >= LEAST_DOF && seen_mm > 0.0 => (seen_mm, dof),
+        None => {
+            warnings.push(format!(
+                "nothing tells how surely the rim was aimed at: {USUAL_AIM_MM} mm is taken; give --aim-u-mm, or more points"
+            ));
+            (USUAL_AIM_MM, f64::INFINITY)
+        }
+    };
+    let mut rod = Known {
+        values: solved.parameters.clone(),
+        covariance: &solved.covariance * (aim_mm * aim_mm),
+        gain: DMatrix::identity(n, n),
+    };
+    let mut axis = match angles {
+        1 => None,
+        _ => {
+            let seen = centers(&rod, angles);
+            find_axis(&rod, &seen, &c_deg, options, IN_PLACE[1], &mut warnings)?
+        }
+    };
+    if let Some(axis) = &axis {
+        rod.take_radius(&axis.known);
+    }
+    let mut all = vec![&mut rod];
+    all.extend(axis.as_mut().map(|axis| &mut axis.known));
+    let nominal = take_nominal(&mut all, options, &mut warnings);
+    let k = k95(dof);
+    let rod_centers = rod_centers(&rod, &c_deg, k);
+    let (axis_center_mm, axis_center_u95_mm) = match &axis {
+        Some(axis) => {
+            let u95 =
+                |i| k95(axis.dof_of(i).min(dof)) * axis.known.covariance[(i, i)].max(0.0).sqrt();
+            (axis.known.pair(0).into(), [0, 1].map(u95))
+        }
+        None => {
+            warnings.push(
+                "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it"
+                    .to_owned(),
+            );
+            (rod_centers[0].center_mm, rod_centers[0].center_u95_mm)
+        }
+    };
+    let diameter_u95_mm = 2.0 * k * rod.radius_variance().max(0.0).sqrt();
+    let aimed = |of: &str, u_mm: f64| budget(of, [("aiming at the rim", u_mm)]);
+    let [x, y] = axis_center_u95_mm;
+    let mut parts = aimed("axis_center_mm", (0.5 * (x * x + y * y)).sqrt() / k);
+    let source = nominal.map_or("aiming at the rim", |_| "aiming at the rim, nominal diameter");
+    parts.extend(budget("diameter_mm", [(source, diameter_u95_mm / k)]));
+    let mut report = Report {
+        rod_centers,
+        axis_center_mm,
+        axis_center_u95_mm,
+        eccentricity_mm: axis.as_ref().map(|a| a.known.pair(2).norm()),
+        eccentricity_u95_mm: axis
+            .as_ref()
+            .map(|a| uncertainty::distance(a.known.pair(2), a.known.pair_covariance(2), dof).1),
+        axis_separated: axis.is_some(),
+        diameter_mm: 2.0 * rod.radius(),
+        diameter_u95_mm,
+        form_rms_mm: (solved.chi2() / points.len() as f64).sqrt(),
+        position_scatter_mm: 0.0,
+        captures: Vec::new(),
+        budget: parts,
+        warnings,
+    };
+    if let Some(laser) = laser {
+        report.refer_to_laser(laser);
+    }
+    Ok(report)
+}
