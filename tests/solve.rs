@@ -367,6 +367,43 @@ fn bad_sessions_are_refused_with_the_key_to_correct() {
     }
 }
 
+/// Where no picture can be taken, points of the rim are aimed at by hand: `rod` finds the axis from them, and `solve` takes it.
+#[test]
+fn a_rim_aimed_at_by_hand_gives_the_axis() {
+    let folder = tempfile::tempdir().unwrap();
+    let (points, rod) = (folder.path().join("rim.csv"), folder.path().join("rod.json"));
+    let mut csv = String::from("x_mm,y_mm,c_deg\n");
+    for c in [0.0f64, 120.0, 240.0] {
+        let center = [412.3 + 0.05 * c.to_radians().cos(), -87.6 + 0.05 * c.to_radians().sin()];
+        for at in [10.0f64, 130.0, 250.0] {
+            let (s, k) = at.to_radians().sin_cos();
+            csv += &format!("{:.6},{:.6},{c}\n", center[0] + 10.0 * k, center[1] + 10.0 * s);
+        }
+    }
+    std::fs::write(&points, csv).unwrap();
+    let run = |arguments: &[&str]| {
+        let mut command = Command::cargo_bin("pivotsight").unwrap();
+        command.arg("rod").arg(&points).args(arguments).output().unwrap()
+    };
+    let out = run(&["--aim-u-mm", "0.004", "--format", "json", "--out", rod.to_str().unwrap()]);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let session = folder.path().join("s.toml");
+    let text = SESSION
+        .replace("center_mm = [412.3, -87.6]\ncenter_u_mm = 0.001\n", "result = \"rod.json\"\n");
+    assert!(text.contains("rod.json"));
+    std::fs::write(&session, text).unwrap();
+    let (_, json, warnings) = command(&session, &[]);
+    let value = |key: &str| json[key].as_f64().unwrap_or_else(|| panic!("{key}: {warnings}"));
+    assert!((value("xc_mm") - 412.3).abs() < 1e-4 && (value("yc_mm") + 87.6).abs() < 1e-4);
+    assert!(value("xc_u95_mm") > 0.001 && value("xc_u95_mm") < 0.01, "{json}");
+    // The rod's run-out is twice what the three centres are off.
+    let limits = json["limits"].as_array().unwrap();
+    let run_out = limits.iter().find(|l| l["what"].as_str().unwrap().contains("run-out")).unwrap();
+    assert!((run_out["value_mm"].as_f64().unwrap() - 0.1).abs() < 1e-3, "{run_out}");
+    let out = run(&["--overlay", "pictures"]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("--overlay: needs pictures"));
+}
+
 /// Values typed in say nothing of the sense of B: where they are the new ones already, nothing changes, whichever way it turns.
 #[test]
 fn values_that_are_in_the_control_already_change_nothing() {

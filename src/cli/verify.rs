@@ -79,9 +79,9 @@ pub struct Compared {
     target_offset_mm: [f64; 3],
     /// Which of `before` and `after` the tolerance is held against.
     judged: &'static str,
-    /// The largest deviation of those.
+    /// The largest true deviation of those: the middle of what it may be, as the largest that is seen was chosen for its noise, too.
     worst_mm: f64,
-    /// Half-width of its 95 % interval, which holds that it was chosen for its noise, too.
+    /// Half-width of its 95 % interval.
     worst_u95_mm: f64,
     /// Standard uncertainty of a measured component.
     noise_mm: f64,
@@ -293,7 +293,7 @@ fn table(report: &Report, options: Options, plot: Option<&Path>) -> String {
     line("left", &report.after);
     let _ = writeln!(
         table,
-        "largest deviation {:.4} ± {:.4} mm (noise {:.4} mm: {}), {} {} mm: {}",
+        "largest true deviation {:.4} ± {:.4} mm, as the largest of many is seen too large (noise {:.4} mm: {}), {} {} mm: {}",
         report.worst_mm,
         report.worst_u95_mm,
         report.noise_mm,

@@ -77,11 +77,23 @@ impl Standing {
             .filter(|c| !without.iter().any(|(range, _)| range.contains(c)))
             .collect();
         let tangent = fitted.tangent.select_columns(&kept);
-        let basis = orthonormal(&fitter.whiten(&tangent, &fitted.noise), 1e-7);
         let mut raw = fitted.residual.clone();
         for (_, contribution) in without {
             raw.iter_mut().zip(contribution).for_each(|(r, c)| *r += c);
         }
+        Self::of(fitter, fitted, &tangent, raw)
+    }
+
+    /// Of a fitted model with these columns beside it.
+    pub fn beside(fitter: &Fitter, fitted: &Fitted, columns: &DMatrix<f64>) -> Self {
+        let (own, more) = (fitted.tangent.ncols(), columns.ncols());
+        let mut tangent = fitted.tangent.clone().resize_horizontally(own + more, 0.0);
+        tangent.columns_mut(own, more).copy_from(columns);
+        Self::of(fitter, fitted, &tangent, fitted.residual.clone())
+    }
+
+    fn of(fitter: &Fitter, fitted: &Fitted, tangent: &DMatrix<f64>, raw: Vec<f64>) -> Self {
+        let basis = orthonormal(&fitter.whiten(tangent, &fitted.noise), 1e-7);
         let column = DMatrix::from_column_slice(raw.len(), 1, &raw);
         let mut white = fitter.whiten(&column, &fitted.noise);
         white -= &basis * basis.tr_mul(&white);

@@ -167,7 +167,22 @@ impl Selection {
         let least = if loose { LEAST_CHI2 } else { 0.0 };
         // Few values are never much above a noise that holds the effect itself: it counts in the noise that it would leave.
         let big = |s: &Score| s.cleared_excess() > least.max(LEAST_SHARE * explained);
-        let library = library.filter(|l| big(l));
+        // A name that shows beside all that a wrong form could be is no part of it.
+        let of_form = |l: &Score| {
+            let columns: Vec<_> = form_columns.iter().flat_map(|(_, c)| c.column_iter()).collect();
+            let beside = Standing::beside(fitter, f, &DMatrix::from_columns(&columns));
+            let scores = beside.scores(fitter, f, &self.library);
+            !scores.iter().any(|s| s.candidate == l.candidate && sure(s))
+        };
+        let library = library.filter(|l| {
+            let least = LEAST_SHARE * explained;
+            big(l)
+                || (loose
+                    && shapes == 0
+                    && l.cleared_excess() > least
+                    && !form_columns.is_empty()
+                    && !of_form(l))
+        });
         let generic = generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
         let rivals = || library.iter().chain(generic.iter().map(|(_, g)| g));
         let rival = rivals().map(|s| s.evidence).fold(f64::MIN, f64::max);

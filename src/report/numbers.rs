@@ -135,24 +135,27 @@ pub fn broken(row: &Value) -> Vec<String> {
 
 /// The largest deviation of a sweep as measured, and what the machine's model leaves of it.
 fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
-    let judged = map.get("judged").and_then(Value::as_str);
-    let one = |key: &str, name: &str| {
-        let limit = number(map, "tolerance_mm").filter(|_| judged == Some(key));
+    let row = |key: &str, name: &str| {
         Some(Characteristic {
             name: name.to_owned(),
             unit: "mm",
             nominal: Some(0.0),
-            actual: number(map, &format!("{key}.worst_mm"))?,
-            tolerance: limit.map_or(String::new(), |t| format!("≤ {t}")),
-            // Stated of what is judged alone.
-            u95: number(map, "worst_u95_mm").filter(|_| judged == Some(key)),
-            verdict: limit.and_then(|_| serde_json::from_value(map.get("verdict")?.clone()).ok()),
+            actual: number(map, key)?,
+            tolerance: String::new(),
+            u95: None,
+            verdict: None,
         })
     };
-    [("before", "largest deviation measured"), ("after", "largest deviation the model leaves")]
-        .into_iter()
-        .filter_map(|(key, name)| one(key, name))
-        .collect()
+    let judged =
+        row("worst_mm", "largest true deviation of what is judged").map(|judged| Characteristic {
+            tolerance: number(map, "tolerance_mm").map_or(String::new(), |t| format!("≤ {t}")),
+            u95: number(map, "worst_u95_mm"),
+            verdict: map.get("verdict").and_then(|v| serde_json::from_value(v.clone()).ok()),
+            ..judged
+        });
+    let seen = row("before.worst_mm", "largest deviation measured");
+    let left = row("after.worst_mm", "largest deviation the model leaves");
+    [seen, left, judged].into_iter().flatten().collect()
 }
 
 /// The gap between simulation and measurement, before and after the named effects.

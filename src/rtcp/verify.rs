@@ -44,9 +44,10 @@ pub struct Report {
     pub noise_source: &'static str,
     /// Why it may be another one.
     pub noise_doubt: Option<String>,
-    /// The largest deviation: measured, or left once the model's values are in the control.
+    /// The largest true deviation, as measured or left once the model's values are in the control: the middle of what it may be, as the
+    /// largest of many that are seen was chosen for its noise, too.
     pub worst_mm: f64,
-    /// Half-width of its 95 % interval, which holds that it was chosen for its noise, too.
+    /// Half-width of its 95 % interval.
     pub worst_u95_mm: f64,
     /// Size of the measured deviations.
     pub before: Size,
@@ -71,7 +72,7 @@ pub fn verify(
     remove_target_offset(real, rotary, &mut measured);
     remove_target_offset(real, rotary, &mut predicted);
     let (before, after) = (Size::of(&measured), Size::of(&rest));
-    let worst_mm = if options.corrected { after } else { before }.worst_mm;
+    let seen_mm = if options.corrected { after } else { before }.worst_mm;
     let repeats = repeatability(rotary, &rest);
     let (noise_mm, dof, noise_source) = match (options.noise_mm, repeats) {
         (Some(given), _) => (given, f64::INFINITY, "given"),
@@ -79,7 +80,10 @@ pub fn verify(
         (None, None) => (USUAL_NOISE_MM, f64::INFINITY, "assumed"),
     };
     let lengths = if options.corrected { &rest } else { &measured };
-    let worst_u95_mm = worst_u95(lengths, noise_mm, dof);
+    // Upwards one pose's own noise is enough: the truly largest deviation is seen no smaller than that makes it.
+    let (down_mm, up_mm) = (worst_u95(lengths, noise_mm, dof), k95(dof) * noise_mm);
+    let worst_mm = (seen_mm - 0.5 * (down_mm - up_mm)).max(0.0);
+    let worst_u95_mm = seen_mm + up_mm - worst_mm;
     let verdict = Verdict::of(worst_mm, worst_u95_mm, options.tolerance_mm);
     Report {
         measured,
@@ -126,7 +130,7 @@ fn noise_doubt(given_mm: Option<f64>, repeats: Option<(f64, f64)>) -> Option<Str
     }
 }
 
-/// Half-width of the 95 % interval of the largest length, where the noise is known with `dof` degrees of freedom. The largest of many was
+/// How far the largest length may be above the truth (95 %), where the noise is known with `dof` degrees of freedom. The largest of many was
 /// chosen for its noise too: it is off by no more than the largest noise of those that may be the largest.
 fn worst_u95(d: &[Vector3<f64>], noise_mm: f64, dof: f64) -> f64 {
     let reach = |components: f64, rivals: usize| {

@@ -170,3 +170,64 @@ pub fn measure_points(
     }
     Ok(report)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// Aims that scatter by 5 µm, told or not, at one table angle and at several, all round and over a part: the truth is within what is stated.
+    #[test]
+    fn the_axis_is_within_its_interval() {
+        let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(11);
+        let mut normal = || -> f64 { StandardNormal.sample(&mut rng) };
+        let axis = Vector2::new(412.3, -87.6);
+        for (angles, count, span_deg, told, nominal) in [
+            (1, 3, 360.0, Some(0.005), None),
+            (1, 8, 360.0, None, None),
+            (1, 3, 150.0, Some(0.005), Some(20.0)),
+            (4, 4, 360.0, None, None),
+            (3, 3, 360.0, Some(0.005), Some(20.0)),
+        ] {
+            let eccentric = if angles > 1 { 0.05 } else { 0.0 };
+            let options =
+                Options { diameter_mm: nominal, diameter_u_mm: 0.001, ..Options::default() };
+            let (mut within, mut all) = (0, 0);
+            for _ in 0..200 {
+                let mut points = Vec::new();
+                for a in 0..angles {
+                    let c_deg = 360.0 / f64::from(angles) * f64::from(a) + 7.0;
+                    let (s, c) = (c_deg + 20.0).to_radians().sin_cos();
+                    let center = axis + eccentric * Vector2::new(c, s);
+                    for i in 0..count {
+                        let at = span_deg / f64::from(count) * f64::from(i);
+                        let (s, c) = at.to_radians().sin_cos();
+                        let noise = 0.005 * Vector2::new(normal(), normal());
+                        let position_mm = center + 10.0 * Vector2::new(c, s) + noise;
+                        points.push(RimPoint { position_mm, c_deg });
+                    }
+                }
+                let report = measure_points(&points, told, None, &options).unwrap();
+                for k in 0..2 {
+                    let off = report.axis_center_mm[k] - axis[k];
+                    within += usize::from(off.abs() <= report.axis_center_u95_mm[k]);
+                    all += 1;
+                }
+                assert_eq!(report.axis_separated, angles > 1);
+            }
+            let share = f64::from(within as u32) / f64::from(all);
+            assert!((0.92..=0.995).contains(&share), "{angles} angles, {count} points: {share}");
+        }
+    }
+
+    #[test]
+    fn too_few_points_and_points_on_a_line_are_refused() {
+        let at = |x: f64, y: f64| RimPoint { position_mm: Vector2::new(x, y), c_deg: 0.0 };
+        let refused = |points: &[RimPoint]| {
+            measure_points(points, None, None, &Options::default()).unwrap_err().to_string()
+        };
+        assert!(refused(&[at(0.0, 0.0), at(1.0, 0.0)]).contains("three points at least"));
+        refused(&[at(0.0, 0.0), at(1.0, 0.0), at(2.0, 0.0)]);
+    }
+}
