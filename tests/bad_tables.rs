@@ -64,7 +64,7 @@ fn wrong_cells_are_named_with_line_and_column() {
     says("t.csv", "image,x_mm\nburn.png,1\n", rod, &["y_mm", "missing"]);
     says("t.csv", "image,x_mm,y_mm\nnone.png,1,2\nnone.png,2,2\n", rod, &["none.png"]);
     let dir_x = "image,x_mm,y_mm,dir_x\nburn.png,1,2,1\nb.png,2,2,7\n";
-    says("t.csv", dir_x, rod, &["t.csv:3", "dir_x", "no direction"]);
+    says("t.csv", dir_x, rod, &["t.csv:3", "dir_x", "not a direction"]);
     let rtcp = "rtcp inverse --machine machine.toml --poses t.csv";
     says("t.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,4,inf\n", rtcp, &["t.csv:2", "c_deg"]);
     says("t.csv", "x_mm,y_mm,z_mm,a_deg,c_deg\n1,2,3,4,5\n", rtcp, &["a_deg"]);

@@ -132,16 +132,10 @@ impl Alignment {
     /// Lines for people.
     pub fn text(&self) -> String {
         let mut out = format!(
-            "A {:+.5}° ±{:.5}°, B {:+.5}° ±{:.5}° level the blank; its face is {:+.4} ±{:.4} mm above the ideal, tilted by {:.5}° ±{:.5}° in all\n",
-            self.a_deg,
-            self.a_u95_deg,
-            self.b_deg,
-            self.b_u95_deg,
-            self.dz_mm,
-            self.dz_u95_mm,
-            self.tilt_deg,
-            self.tilt_u95_deg
+            "A {:+.5}° ±{:.5}°, B {:+.5}° ±{:.5}° level the blank; its face is {:+.4} ±{:.4} mm above the ideal\n",
+            self.a_deg, self.a_u95_deg, self.b_deg, self.b_u95_deg, self.dz_mm, self.dz_u95_mm
         );
+        out.push_str(&format!("tilt {:.5}° ±{:.5}° in all\n", self.tilt_deg, self.tilt_u95_deg));
         if let Some(([x, y], [ux, uy])) = self.center_mm.zip(self.center_u95_mm) {
             out.push_str(&format!("centre X {x:+.4} ±{ux:.4} mm, Y {y:+.4} ±{uy:.4} mm\n"));
         }

@@ -232,12 +232,10 @@ impl Mover {
         pose: &ToolPose,
         out: &mut String,
     ) {
-        // What ends or stops something does so once the whole move is made.
+        /// M words that end or stop something once the whole move is made.
+        const LAST: [f64; 9] = [0.0, 1.0, 2.0, 5.0, 9.0, 17.0, 30.0, 60.0, 99.0];
         let ends = |letter: char, digits: &str| {
-            letter == 'M'
-                && digits
-                    .parse::<f64>()
-                    .is_ok_and(|m| [0.0, 1.0, 2.0, 5.0, 9.0, 30.0, 60.0].contains(&m))
+            letter == 'M' && digits.parse::<f64>().is_ok_and(|m| LAST.contains(&m))
         };
         let mut done = 0.0;
         for (n, (t, q)) in through.iter().chain([&(1.0, *end)]).enumerate() {

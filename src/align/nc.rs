@@ -39,7 +39,12 @@ struct Datum {
     /// P of G54.1.
     further: Option<i64>,
     /// H of G43.
-    length: Option<i64>,
+    offset: Option<i64>,
+    /// T as last programmed, and of the tool in use.
+    chosen: Option<i64>,
+    tool: Option<i64>,
+    /// D, of a Siemens control's tool.
+    edge: Option<i64>,
 }
 
 impl Datum {
@@ -54,17 +59,25 @@ impl Datum {
             match code {
                 540..=593 | 5000..=5999 => {
                     (self.zero, self.further) = (Some(code), None);
-                    if code == 541 {
+                    // G54 P2 is short for G54.1 P2.
+                    if code == 540 || code == 541 {
                         self.further = value('P').map(tenths);
                     }
                 }
-                490 => self.length = None,
+                430..=439 => {
+                    self.offset = value('H').map_or(self.offset, |h| Some(tenths(h)));
+                }
+                490 | 491 => self.offset = None,
                 _ => {}
             }
         }
-        if let Some(h) = value('H') {
-            self.length = Some(tenths(h)).filter(|h| *h != 0);
+        // Of a tool its own length and, on Siemens controls, its edge; a tool that is chosen counts once it is changed.
+        self.chosen = value('T').map(tenths).or(self.chosen);
+        let changes = words.iter().any(|w| w.0 == 'M' && w.1.parse() == Ok(6.0));
+        if changes || value('D').is_some() {
+            self.tool = self.chosen;
         }
+        self.edge = value('D').map(tenths).or(self.edge);
     }
 }
 
@@ -92,9 +105,10 @@ impl Modal {
                 "choose it before the first move, or move the parts of the program each by itself",
             ));
         }
-        if !rtcp && first.length != self.datum.length {
+        let length = |d: Datum| (d.offset, d.tool, d.edge);
+        if !rtcp && length(first) != length(self.datum) {
             return Err((
-                "moves after the tool length changed (G43 H, G49), whose value is not in the program".into(),
+                "moves after the tool or its length changed (T, D, G43 H, G49), whose value is not in the program".into(),
                 "choose it before the first move, or move the parts of the program each by itself",
             ));
         }

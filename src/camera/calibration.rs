@@ -231,22 +231,15 @@ impl Calibration {
                 ));
             }
         };
-        if let Some(laser) = &file.laser
-            && !laser
-                .offset_mm
-                .iter()
-                .chain(laser.offset_u95_mm.iter().flatten())
-                .all(|v| v.is_finite())
-        {
-            return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
-        }
-        let negative = |v: &f64| *v < 0.0;
-        if file.laser.as_ref().is_some_and(|l| l.offset_u95_mm.iter().flatten().any(negative)) {
-            return Err((
-                "laser.offset_u95_mm",
-                "is negative".into(),
-                "give two half-widths in mm",
-            ));
+        if let Some(laser) = &file.laser {
+            if !laser.offset_mm.iter().all(|v| v.is_finite()) {
+                return Err(("laser.offset_mm", "is not finite".into(), "give two numbers in mm"));
+            }
+            let unsure = |u: &f64| !(u.is_finite() && *u >= 0.0);
+            if let Some(u) = laser.offset_u95_mm.iter().flatten().find(|u| unsure(u)) {
+                let fix = "give two half-widths in mm, zero or more";
+                return Err(("laser.offset_u95_mm", format!("holds {u}"), fix));
+            }
         }
         let gamma = checked_gamma(file.sensor)?;
         Ok(Self { name: file.name, mapping, laser: file.laser, gamma })

@@ -78,8 +78,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         c_sense: args.c_sense,
         channel: args.channel,
     };
-    if let Some(points) = read_points(&args.captures)? {
-        return aimed(args, &points, &options, global);
+    let mut doubts = Vec::new();
+    if let Some(points) = read_points(&args.captures, &mut doubts)? {
+        return aimed(args, (&points, doubts), &options, global);
     }
     if args.aim_u_mm.is_some() {
         let fix = "leave it out: pictures tell how surely their edges are seen";
@@ -129,11 +130,17 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 /// The rod from points of its rim that were aimed at by hand.
-fn aimed(args: &Args, points: &[RimPoint], options: &Options, global: &Global) -> Result<Outcome> {
+fn aimed(
+    args: &Args,
+    (points, warnings): (&[RimPoint], Vec<String>),
+    options: &Options,
+    global: &Global,
+) -> Result<Outcome> {
     for (option, given) in [
         ("--points", args.points.is_some()),
         ("--overlay", args.overlay.is_some()),
         ("--cross-check", args.cross_check),
+        ("--channel", args.channel != Channel::default()),
     ] {
         if given {
             let reason = "needs pictures, and the table has no column 'image'";
@@ -145,8 +152,9 @@ fn aimed(args: &Args, points: &[RimPoint], options: &Options, global: &Global) -
     }
     let calibration = args.calib.as_ref().map(Calibration::identified).transpose()?;
     let laser = calibration.as_ref().and_then(|(c, _)| c.laser.as_ref());
-    let report = rod::measure_points(points, args.aim_u_mm, laser, options)
+    let mut report = rod::measure_points(points, args.aim_u_mm, laser, options)
         .map_err(|e| e.in_file(&args.captures, None))?;
+    report.warnings.splice(..0, warnings);
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     let output = Output {
         calibration: calibration.map(|(_, identity)| identity),

@@ -150,6 +150,7 @@ fn rtcp(args: &Args, global: &Global) -> Result<Outcome> {
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
+    real.same_rotary(&control, "--now")?;
     let sweep = Sweep::read(&args.data, &real)?;
     let mut d = predict(&control, &real, &model.target_point(), &sweep.rotary_rad);
     let mut warnings = Vec::new();

@@ -188,6 +188,7 @@ fn compare(args: &Args, machine: &Machine, data: &Path, global: &Global) -> Resu
         Some(path) => Machine::read(path)?.chain()?,
         None => real.clone(),
     };
+    real.same_rotary(&control, "--now")?;
     let mut warnings: Vec<String> = machine.without_target().into_iter().collect();
     let sweep = Sweep::read_measured(data, &real, &mut warnings)?;
     let measured = sweep.deviation_mm.clone().unwrap_or_default();

@@ -7,6 +7,7 @@ use crate::diagnose::data::columns::{self, ColumnsExperiment};
 use crate::diagnose::data::rod::{self, RodExperiment};
 use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::data::spelt;
+use crate::diagnose::effects::resolve;
 use crate::diagnose::experiment::{EffectInfo, Experiment, Parameter};
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table as TableOrigin, Target};
@@ -58,23 +59,20 @@ pub fn check(machine: &Machine) -> Result<()> {
     for effect in &machine.effects {
         spelt(effect)?;
         // Those of the head's sensors are called after the sensors at hand.
-        let known: Vec<&Parameter> = kinds
-            .iter()
-            .filter(|kind| kind.name != "thermal")
-            .flat_map(|kind| &kind.effects)
-            .filter(|info| info.name == effect.name && effect.outputs.is_empty())
-            .flat_map(|info| info.forms.iter().flatten())
-            .collect();
-        let is_known = |key: &str| key.starts_with("x_") || known.iter().any(|p| p.name == key);
-        let stranger = effect.parameters.keys().find(|key| !known.is_empty() && !is_known(key));
-        if let Some(key) = stranger {
-            let mut names: Vec<&str> = known.iter().map(|p| p.name.as_ref()).collect();
-            names.sort_unstable();
-            names.dedup();
+        let known = kinds.iter().filter(|kind| kind.name != "thermal" && effect.outputs.is_empty());
+        let mut resolved = known
+            .filter(|kind| kind.effects.iter().any(|info| info.name == effect.name))
+            .map(|kind| resolve(&kind.effects, &effect.name, &effect.parameters))
+            .collect::<Vec<_>>()
+            .into_iter();
+        let first = resolved.next();
+        if let Some(Err(reason)) = first
+            && !resolved.any(|other| other.is_ok())
+        {
             return Err(Error::measure(
                 format!("effects '{}'", effect.name),
-                format!("has no parameter {key}"),
-                format!("it takes {} (docs/effects.md)", names.join(", ")),
+                reason,
+                "correct its parameters (docs/effects.md)",
             ));
         }
     }

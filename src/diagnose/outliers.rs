@@ -1,8 +1,8 @@
 //! Observations that are set aside: a slipped reading is no effect, and no shape should be bent to follow it.
 
-use std::collections::BTreeMap;
+use std::collections::BTreeSet;
 
-use nalgebra::DVector;
+use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Experiment, Layout};
@@ -270,23 +270,44 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     if layout.random.is_empty() {
         return alone;
     }
-    // A value that lies far within its capture draws the shared parts along, and with them the others: without it they may all be where
-    // they belong.
-    let mut farthest: BTreeMap<usize, usize> = BTreeMap::new();
-    for i in alone {
-        let first = farthest.entry(layout.groups[i]).or_insert(i);
-        if rest[i].abs() > rest[*first].abs() {
-            *first = i;
-        }
-    }
-    let slipped = slipped_captures(fitter, layout, own);
-    let whole = |i: &usize| {
-        let group = layout.groups[*i];
-        slipped[group] && fitter.space.kept(*i) && !farthest.contains_key(&group)
+    // Values that lie far within a capture draw its shared parts along, and with them the others: without them it may be where it belongs.
+    let with_far: BTreeSet<usize> = alone.into_iter().map(|i| layout.groups[i]).collect();
+    let members = |group: usize| -> Vec<usize> {
+        (0..n).filter(|&i| layout.groups[i] == group && fitter.space.kept(i)).collect()
     };
-    let mut found: Vec<usize> = (0..n).filter(whole).chain(farthest.values().copied()).collect();
+    let slipped = slipped_captures(fitter, layout, own);
+    let whole =
+        (0..slipped.len()).filter(|g| slipped[*g] && !with_far.contains(g)).flat_map(members);
+    let parts = with_far.iter().flat_map(|g| peeled(f, layout, members(*g), limit(n)));
+    let mut found: Vec<usize> = whole.chain(parts).collect();
     found.sort_unstable();
     found
+}
+
+/// The values of a capture without which its others agree on its shared parts, so many of the noise's standard deviations being far; all
+/// of them where that takes more than a few.
+fn peeled(f: &Fitted, layout: &Layout, members: Vec<usize>, limit: f64) -> Vec<usize> {
+    /// Part of a capture's values that dirt on the artefact may reach.
+    const MOST_DIRTY: f64 = 0.25;
+    let shared: Vec<&Vec<f64>> = layout.random.iter().flatten().collect();
+    let sigma = |i: usize| f.noise.sigma_mm[layout.classes[i]];
+    let (mut rest, mut gone) = (members.clone(), Vec::new());
+    while rest.len() > shared.len() + 1 {
+        let columns =
+            DMatrix::from_fn(rest.len(), shared.len(), |r, c| shared[c][rest[r]] / sigma(rest[r]));
+        let left = DMatrix::from_fn(rest.len(), 1, |r, _| f.residual[rest[r]] / sigma(rest[r]));
+        let basis = orthonormal(&columns, 1e-7);
+        let own = &left - &basis * basis.tr_mul(&left);
+        let worst = own.column(0).iamax();
+        if own[(worst, 0)].abs() <= limit {
+            return gone;
+        }
+        gone.push(rest.remove(worst));
+        if gone.len() as f64 > MOST_DIRTY * members.len() as f64 {
+            break;
+        }
+    }
+    members
 }
 
 /// Captures that lie apart as a whole from where a fit has them; `own` gives what a row of the whitened residual leaves.

@@ -226,10 +226,11 @@ fn address(url: &str) -> Result<Address<'_>> {
         None => (rest, "/"),
     };
     // Colons within brackets are a number's (`[::1]:8080`).
-    let (host, port) = match place.rfind(':').filter(|at| *at > place.rfind(']').unwrap_or(0)) {
-        Some(at) => (&place[..at], place[at + 1..].parse().map_err(|_| bad())?),
-        None => (place, 80),
-    };
+    let (host, port) =
+        match place.rfind(':').filter(|at| place.rfind(']').is_none_or(|end| *at > end)) {
+            Some(at) => (&place[..at], place[at + 1..].parse().map_err(|_| bad())?),
+            None => (place, 80),
+        };
     if host.is_empty() || host.contains(['@', ' ']) || path.contains(['\r', '\n', ' ']) {
         return Err(bad());
     }

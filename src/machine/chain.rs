@@ -79,6 +79,23 @@ impl Chain {
         [n[3], n[4]]
     }
 
+    /// Refuses another machine's chain whose rotary axes are others: angles of one's would be taken for the other's.
+    pub fn same_rotary(&self, other: &Self, option: &str) -> Result<()> {
+        let [own, others] = [self, other].map(|c| c.rotary_names().map(AxisName::letter));
+        if own == others {
+            return Ok(());
+        }
+        let reason = format!(
+            "has the rotary axes {} and {} where the machine has {} and {}",
+            others[0], others[1], own[0], own[1]
+        );
+        Err(Error::option(
+            option,
+            reason,
+            "give the same machine's file with the values its control held",
+        ))
+    }
+
     /// The axes from the work to the tool.
     pub fn axes(&self) -> &[Axis; 5] {
         &self.axes

@@ -68,7 +68,7 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             }
             let u95 = u95_key(&key).and_then(|k| number(map, &k))?;
             let actual = value.as_f64()?;
-            let tolerance = (command == "burn" && key == judged_key(map))
+            let tolerance = (judged_key(command, map) == Some(key.as_str()))
                 .then(|| number(map, "tolerance_mm"))
                 .flatten();
             Some(Characteristic {
@@ -183,10 +183,12 @@ fn gap(map: &Map<String, Value>) -> Vec<Characteristic> {
 }
 
 /// Which of a burn's two readings of concentricity the tolerance is held against.
-fn judged_key(map: &Map<String, Value>) -> &'static str {
-    match map.get("tolerance_kind").and_then(Value::as_str) {
-        Some("zone") => "zone_mm",
-        _ => "distance_mm",
+fn judged_key(command: &str, map: &Map<String, Value>) -> Option<&'static str> {
+    match (command, map.get("tolerance_kind").and_then(Value::as_str)) {
+        ("burn", Some("zone")) => Some("zone_mm"),
+        ("burn", _) => Some("distance_mm"),
+        ("rotary", _) => Some("summary.before_max_mm"),
+        _ => None,
     }
 }
 
@@ -258,7 +260,8 @@ fn label(key: &str) -> String {
         "axis_center_mm.0" => return "C axis X".into(),
         "axis_center_mm.1" => return "C axis Y".into(),
         "axis_center_mm" => return "C axis".into(),
-        "worst_mm" => return "largest deviation".into(),
+        "worst_mm" => return "largest true deviation".into(),
+        "summary.before_max_mm" => return "largest deviation measured".into(),
         _ => {}
     }
     let parts: Vec<String> = key

@@ -67,7 +67,8 @@ pub struct Summary {
     pub pivot_mm: f64,
     /// Largest deviation before.
     pub before_max_mm: f64,
-    /// Half-width of its 95 % interval, the widest of all angles'; null where nothing tells the noise.
+    /// Half-width of a place's 95 % interval, the widest of all; null where nothing tells the noise. The largest of many is seen too large: near
+    /// a limit the verdict is on the safe side.
     pub before_max_u95_mm: Option<f64>,
     /// Largest deviation expected after: what is left plus its 95 % half-width.
     pub after_max_mm: f64,

@@ -7,7 +7,7 @@
 use std::fmt::Write;
 
 use crate::error::{Error, Result};
-use crate::machine::{AxisName, Chain};
+use crate::machine::{AxisName, Chain, Side};
 use crate::rtcp::export::Control;
 
 /// How far before a pose its approach begins, so that its direction is sure.
@@ -23,10 +23,12 @@ pub struct Plan {
     pub axes: [AxisName; 2],
     /// In the order to drive to them.
     pub poses: Vec<Pose>,
+    /// Whether C alone turns the table.
+    c_alone: bool,
 }
 
 impl Plan {
-    /// `count` different poses (a table's C over a turn, other axes within ±90°, all within their limits), every second one twice.
+    /// `count` different poses (C over a turn, other axes within ±90°, all within their limits), every second one twice.
     ///
     /// # Errors
     /// An axis whose limits leave no room for poses and the run-up to them.
@@ -44,14 +46,18 @@ impl Plan {
                 ((low + (high - low) * part) * 100.0).round() / 100.0
             };
             // All four pairs of directions, among the poses that are repeated, too.
-            let way = |bit: usize| if (i >> (1 + bit)) & 1 == 0 { 1.0 } else { -1.0 };
-            let pose = ([at(0, first), at(1, second)], [way(0), way(1)]);
+            let side = |minus: bool| if minus { -1.0 } else { 1.0 };
+            let pair = i / 2;
+            let ways = [side(pair % 2 == 1), side((pair / 2 + i) % 2 == 1)];
+            let pose = ([at(0, first), at(1, second)], ways);
             poses.push(pose);
             if i % 2 == 1 {
                 poses.push(pose);
             }
         }
-        Ok(Self { axes, poses })
+        let on_table = chain.axes().iter().filter(|a| a.name.is_rotary() && a.side == Side::Table);
+        let c_alone = on_table.map(|a| a.name).eq([AxisName::C]);
+        Ok(Self { axes, poses, c_alone })
     }
 
     /// The poses as CSV, ready to have `dx_mm,dy_mm,dz_mm` added.
@@ -93,9 +99,9 @@ impl Plan {
             Control::Linuxcnc | Control::Sheet => ("G21 G90 G54\n", "G4 P2\n", "M2\n"),
         };
         let mut text = begin.to_owned();
-        let zero = match self.axes {
-            [AxisName::B, AxisName::C] => "C axis at the table surface",
-            _ => "the machine file's table frame",
+        let zero = match self.c_alone {
+            true => "C axis at the table surface",
+            false => "the machine file's table frame",
         };
         text += &note(&format!("Workpiece zero: {zero}. Watch the first run at low feed."));
         for (i, &([b, c], [db, dc])) in self.poses.iter().enumerate() {

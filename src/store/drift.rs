@@ -31,7 +31,7 @@ const FOLLOWED: [(&str, &str, &str, Option<&str>); 25] = [
     ("solve", "zb_mm", "Z_B, mm", None),
     ("solve", "delta_x_mm", "ΔX, mm", None),
     ("solve", "r_mm", "R, mm", None),
-    ("verify", "worst_mm", "largest deviation, mm", Some("tolerance_mm")),
+    ("verify", "worst_mm", "largest true deviation, mm", Some("tolerance_mm")),
     ("rotary", "summary.before_max_mm", "largest deviation, mm", Some("tolerance_mm")),
     ("calib-check", "deviation_mm", "diameter's deviation, mm", None),
     ("calib-check", "scale_error_percent", "scale error, %", None),

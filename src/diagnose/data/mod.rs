@@ -84,7 +84,7 @@ pub fn need_head_b_table_c(kind: &str, machine: &Machine, any_sense: bool) -> Re
     Err(Error::measure(
         format!("{kind} data"),
         reason,
-        "use 'simulate' and 'verify', which take any order of axes",
+        "take the [[effects]] out of its file for simulate and verify, which then take any order of axes",
     ))
 }
 

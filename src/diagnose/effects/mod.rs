@@ -216,45 +216,54 @@ impl<C, E: Clone + Default> Library<C, E> {
         errors
     }
 
-    /// Finds the effect and form that a model file's entry means: the form whose parameters have the same names
-    /// (a switch may be left out where no other form has the remaining names).
+    /// See [`resolve`].
     pub fn resolve(
         &self,
         name: &str,
         parameters: &BTreeMap<String, f64>,
     ) -> Result<Active, String> {
-        let Some(effect) = self.infos.iter().position(|i| i.name == name) else {
-            return Err(format!("is not an effect of this kind of data: {name}"));
-        };
-        let forms = &self.infos[effect].forms;
-        let is_known = |key: &str| forms.iter().flatten().any(|p| p.name == key);
-        let mut parameters = parameters.clone();
-        parameters.retain(|key, _| is_known(key) || !key.starts_with("x_"));
-        let stranger = parameters.keys().find(|key| !is_known(key));
-        let stranger = stranger.map_or(String::new(), |key| format!("has no parameter {key}: "));
-        for (form, list) in forms.iter().enumerate() {
-            let same = list.len() == parameters.len()
-                && list.iter().all(|p| {
-                    parameters.get(p.name.as_ref()).is_some_and(|v| !p.is_switch() || *v == p.start)
-                });
-            if same {
-                let values = list.iter().map(|p| parameters[p.name.as_ref()]).collect();
-                return Ok(Active { effect, form, values });
-            }
-        }
-        let known: Vec<String> = forms
-            .iter()
-            .map(|f| {
-                let word = |p: &Parameter| match p.is_switch() {
-                    true => format!("{} = {}", p.name, p.start),
-                    false => p.name.to_string(),
-                };
-                f.iter().map(word).collect::<Vec<_>>().join(", ")
-            })
-            .collect();
-        let known = known.join(" | ");
-        Err(format!("{stranger}{name} takes one of these sets of parameters: {known}"))
+        resolve(&self.infos, name, parameters)
     }
+}
+
+/// Finds the effect and form that a model file's entry means: the form whose parameters have the same names
+/// (a switch may be left out where no other form has the remaining names).
+pub fn resolve(
+    infos: &[EffectInfo],
+    name: &str,
+    parameters: &BTreeMap<String, f64>,
+) -> Result<Active, String> {
+    let Some(effect) = infos.iter().position(|i| i.name == name) else {
+        return Err(format!("is not an effect of this kind of data: {name}"));
+    };
+    let forms = &infos[effect].forms;
+    let is_known = |key: &str| forms.iter().flatten().any(|p| p.name == key);
+    let mut parameters = parameters.clone();
+    parameters.retain(|key, _| is_known(key) || !key.starts_with("x_"));
+    let stranger = parameters.keys().find(|key| !is_known(key));
+    let stranger = stranger.map_or(String::new(), |key| format!("has no parameter {key}: "));
+    for (form, list) in forms.iter().enumerate() {
+        let same = list.len() == parameters.len()
+            && list.iter().all(|p| {
+                parameters.get(p.name.as_ref()).is_some_and(|v| !p.is_switch() || *v == p.start)
+            });
+        if same {
+            let values = list.iter().map(|p| parameters[p.name.as_ref()]).collect();
+            return Ok(Active { effect, form, values });
+        }
+    }
+    let known: Vec<String> = forms
+        .iter()
+        .map(|f| {
+            let word = |p: &Parameter| match p.is_switch() {
+                true => format!("{} = {}", p.name, p.start),
+                false => p.name.to_string(),
+            };
+            f.iter().map(word).collect::<Vec<_>>().join(", ")
+        })
+        .collect();
+    let known = known.join(" | ");
+    Err(format!("{stranger}{name} takes one of these sets of parameters: {known}"))
 }
 
 /// How far what rises from 0 towards 1 has come.

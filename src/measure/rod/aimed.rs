@@ -13,7 +13,8 @@ use crate::error::{Error, Result};
 use crate::fit::circle::taubin;
 use crate::fit::least_squares;
 use crate::table::Table;
-use crate::uncertainty::{self, budget, k95, scatters_more};
+use crate::uncertainty::{self, K95, budget, k95, scatters_more};
+use crate::{repeats, units};
 
 /// How surely a rim is aimed at where nothing tells it, mm.
 const USUAL_AIM_MM: f64 = 0.01;
@@ -29,15 +30,21 @@ pub struct RimPoint {
     pub c_deg: f64,
 }
 
-/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where the table names pictures.
-pub fn read_points(path: impl AsRef<Path>) -> Result<Option<Vec<RimPoint>>> {
+/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where the table names pictures. Rows that stand twice count once, with a warning.
+pub fn read_points(
+    path: impl AsRef<Path>,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Vec<RimPoint>>> {
     let path = path.as_ref();
     if Table::read(path, &["x_mm", "y_mm"], &["*"])?.has("image") {
         return Ok(None);
     }
-    let table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
+    let mut table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
+    let rows = repeats::rows_once(&table, warnings);
+    table.keep(&rows);
     let (x, y) = (table.column("x_mm")?, table.column("y_mm")?);
     let c = table.optional_column("c_deg")?.unwrap_or_else(|| vec![0.0; x.len()]);
+    warnings.extend(units::angles("c_deg", &c));
     let point = |i: usize| RimPoint { position_mm: Vector2::new(x[i], y[i]), c_deg: c[i] };
     Ok(Some((0..x.len()).map(point).collect()))
 }
@@ -101,6 +108,13 @@ pub fn measure_points(
             (told, f64::INFINITY)
         }
         None if dof >= LEAST_DOF && seen_mm > 0.0 => (seen_mm, dof),
+        // Few tell it badly, but not that it is better than they show.
+        None if dof > 0.0 && scatters_more(seen_mm, dof, USUAL_AIM_MM) => {
+            warnings.push(format!(
+                "the points scatter by {seen_mm:.4} mm about the rim, and few of them tell how far: give more, or --aim-u-mm"
+            ));
+            (seen_mm, dof)
+        }
         None => {
             warnings.push(format!(
                 "nothing tells how surely the rim was aimed at: {USUAL_AIM_MM} mm is taken; give --aim-u-mm, or more points"
@@ -142,12 +156,12 @@ pub fn measure_points(
             (rod_centers[0].center_mm, rod_centers[0].center_u95_mm)
         }
     };
+    warnings.extend(units::rod("the rod's diameter", 2.0 * rod.radius()));
     let diameter_u95_mm = 2.0 * k * rod.radius_variance().max(0.0).sqrt();
-    let aimed = |of: &str, u_mm: f64| budget(of, [("aiming at the rim", u_mm)]);
     let [x, y] = axis_center_u95_mm;
-    let mut parts = aimed("axis_center_mm", (0.5 * (x * x + y * y)).sqrt() / k);
     let source = nominal.map_or("aiming at the rim", |_| "aiming at the rim, nominal diameter");
-    parts.extend(budget("diameter_mm", [(source, diameter_u95_mm / k)]));
+    let mut parts = budget("axis_center_mm", [(source, (0.5 * (x * x + y * y)).sqrt() / K95)]);
+    parts.extend(budget("diameter_mm", [(source, diameter_u95_mm / K95)]));
     let mut report = Report {
         rod_centers,
         axis_center_mm,
