@@ -130,7 +130,7 @@ impl Rod {
     fn predicted(&self, i: usize, centre: Vector2<f64>, radius: f64, e: &CaptureError) -> f64 {
         let g = self.capture[i];
         let c = self.c_rad.get(g).copied().unwrap_or(0.0);
-        /// So near the direction the edge is as straight as its tangent, mm: over this it leaves it by less than a picometre.
+        /// So near the direction the edge is as straight as its tangent, mm: over this it leaves it by less than a nanometre.
         const NEAR_MM: f64 = 1e-4;
         let wanted = (self.points[i] - self.pole).normalize();
         // Where the plain circle is seen in this direction.

@@ -6,12 +6,12 @@ use nalgebra::{DMatrix, DVector, Vector2};
 
 use super::axis::{IN_PLACE, Known};
 use super::captures::table_angles;
-use super::finish::{centers, find_axis, rod_centers, take_nominal};
+use super::finish::{ONE_ANGLE, centers, find_axis, rod_centers, take_nominal};
 use super::{Options, Report};
 use crate::camera::Laser;
 use crate::error::{Error, Result};
 use crate::fit::circle::taubin;
-use crate::fit::least_squares;
+use crate::fit::least_squares::{self, Solution};
 use crate::table::Table;
 use crate::uncertainty::{self, K95, budget, k95, scatters_more};
 use crate::{repeats, units};
@@ -62,77 +62,18 @@ pub fn measure_points(
 ) -> Result<Report> {
     super::check(options)?;
     let (c_deg, angle_of) = table_angles(points.iter().map(|p| p.c_deg));
-    let angles = c_deg.len();
     let mut warnings = Vec::new();
-    let mut start = DVector::zeros(2 * angles + 1);
-    for (a, c) in c_deg.iter().enumerate() {
-        let own = points.iter().zip(&angle_of).filter(|(_, of)| **of == a);
-        let own: Vec<Vector2<f64>> = own.map(|(p, _)| p.position_mm).collect();
-        let circle = taubin(&own, &vec![1.0; own.len()]).ok_or_else(|| {
-            Error::measure(
-                format!("C = {c}°"),
-                format!("{} points of the rim make no circle", own.len()),
-                "aim at three points at least, well apart all round",
-            )
-        })?;
-        start.fixed_rows_mut::<2>(2 * a).copy_from(&circle.center);
-        start[2 * angles] += circle.radius / angles as f64;
-    }
-    let solved = least_squares::solve(start, least_squares::Options::default(), |v| {
-        let mut left = DVector::zeros(points.len());
-        let mut jacobian = DMatrix::zeros(points.len(), v.len());
-        for (row, (p, a)) in points.iter().zip(&angle_of).enumerate() {
-            let away: Vector2<f64> = p.position_mm - v.fixed_rows::<2>(2 * a);
-            let distance = away.norm().max(f64::MIN_POSITIVE);
-            left[row] = distance - v[2 * angles];
-            let toward = away / -distance;
-            jacobian[(row, 2 * a)] = toward.x;
-            jacobian[(row, 2 * a + 1)] = toward.y;
-            jacobian[(row, 2 * angles)] = -1.0;
-        }
-        (left, jacobian)
-    });
+    let solved = circles(points, &c_deg, &angle_of)?;
+    let (aim_mm, dof) = aim(&solved, aim_u_mm, &mut warnings);
     let n = solved.parameters.len();
-    if solved.rank < n || !solved.converged {
-        let fix = "aim at points well apart all round the rim";
-        return Err(Error::measure("the points", "tell no circle", fix));
-    }
-    let dof = solved.dof() as f64;
-    let seen_mm = (solved.chi2() / dof.max(1.0)).sqrt();
-    let (aim_mm, dof) = match aim_u_mm {
-        Some(told) => {
-            if dof > 0.0 && scatters_more(seen_mm, dof, told) {
-                warnings.push(format!(
-                    "the points scatter by {seen_mm:.4} mm about the rim, more than --aim-u-mm says: the interval is too narrow"
-                ));
-            }
-            (told, f64::INFINITY)
-        }
-        None if dof >= LEAST_DOF && seen_mm > 0.0 => (seen_mm, dof),
-        // Few tell it badly: what is usual counts as some more of them.
-        None if dof > 0.0 => {
-            let squares = USUAL_DOF * USUAL_AIM_MM.powi(2) + dof * seen_mm * seen_mm;
-            let aim_mm = (squares / (USUAL_DOF + dof)).sqrt();
-            warnings.push(format!(
-                "few points tell how surely the rim was aimed at: with {USUAL_AIM_MM} mm, which is usual, {aim_mm:.4} mm is taken; give more, or --aim-u-mm"
-            ));
-            (aim_mm, USUAL_DOF + dof)
-        }
-        None => {
-            warnings.push(format!(
-                "nothing tells how surely the rim was aimed at: {USUAL_AIM_MM} mm is taken; give --aim-u-mm, or more points"
-            ));
-            (USUAL_AIM_MM, f64::INFINITY)
-        }
-    };
     let mut rod = Known {
         values: solved.parameters.clone(),
         covariance: &solved.covariance * (aim_mm * aim_mm),
         gain: DMatrix::identity(n, n),
     };
-    let mut axis = match angles {
+    let mut axis = match c_deg.len() {
         1 => None,
-        _ => {
+        angles => {
             let seen = centers(&rod, angles);
             find_axis(&rod, &seen, &c_deg, options, IN_PLACE[1], &mut warnings)?
         }
@@ -152,10 +93,7 @@ pub fn measure_points(
             (axis.known.pair(0).into(), [0, 1].map(u95))
         }
         None => {
-            warnings.push(
-                "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it"
-                    .to_owned(),
-            );
+            warnings.push(ONE_ANGLE.to_owned());
             (rod_centers[0].center_mm, rod_centers[0].center_u95_mm)
         }
     };
@@ -165,14 +103,16 @@ pub fn measure_points(
     let source = nominal.map_or("aiming at the rim", |_| "aiming at the rim, nominal diameter");
     let mut parts = budget("axis_center_mm", [(source, (0.5 * (x * x + y * y)).sqrt() / K95)]);
     parts.extend(budget("diameter_mm", [(source, diameter_u95_mm / K95)]));
+    let eccentricity = axis.as_ref().map(|a| {
+        let (length, u95) = (a.known.pair(2).norm(), a.known.pair_covariance(2));
+        (length, uncertainty::distance(a.known.pair(2), u95, dof).1)
+    });
     let mut report = Report {
         rod_centers,
         axis_center_mm,
         axis_center_u95_mm,
-        eccentricity_mm: axis.as_ref().map(|a| a.known.pair(2).norm()),
-        eccentricity_u95_mm: axis
-            .as_ref()
-            .map(|a| uncertainty::distance(a.known.pair(2), a.known.pair_covariance(2), dof).1),
+        eccentricity_mm: eccentricity.map(|e| e.0),
+        eccentricity_u95_mm: eccentricity.map(|e| e.1),
         axis_separated: axis.is_some(),
         diameter_mm: 2.0 * rod.radius(),
         diameter_u95_mm,
@@ -186,6 +126,76 @@ pub fn measure_points(
         report.refer_to_laser(laser);
     }
     Ok(report)
+}
+
+/// The circles through the points of every table angle, of one radius, by least squares: centres, then the radius.
+fn circles(points: &[RimPoint], c_deg: &[f64], angle_of: &[usize]) -> Result<Solution> {
+    let angles = c_deg.len();
+    let mut start = DVector::zeros(2 * angles + 1);
+    for (a, c) in c_deg.iter().enumerate() {
+        let own = points.iter().zip(angle_of).filter(|(_, of)| **of == a);
+        let own: Vec<Vector2<f64>> = own.map(|(p, _)| p.position_mm).collect();
+        let circle = taubin(&own, &vec![1.0; own.len()]).ok_or_else(|| {
+            Error::measure(
+                format!("C = {c}°"),
+                format!("{} points of the rim make no circle", own.len()),
+                "aim at three points at least, well apart all round",
+            )
+        })?;
+        start.fixed_rows_mut::<2>(2 * a).copy_from(&circle.center);
+        start[2 * angles] += circle.radius / angles as f64;
+    }
+    let solved = least_squares::solve(start, least_squares::Options::default(), |v| {
+        let mut left = DVector::zeros(points.len());
+        let mut jacobian = DMatrix::zeros(points.len(), v.len());
+        for (row, (p, a)) in points.iter().zip(angle_of).enumerate() {
+            let away: Vector2<f64> = p.position_mm - v.fixed_rows::<2>(2 * a);
+            let distance = away.norm().max(f64::MIN_POSITIVE);
+            left[row] = distance - v[2 * angles];
+            let toward = away / -distance;
+            jacobian[(row, 2 * a)] = toward.x;
+            jacobian[(row, 2 * a + 1)] = toward.y;
+            jacobian[(row, 2 * angles)] = -1.0;
+        }
+        (left, jacobian)
+    });
+    if solved.rank < solved.parameters.len() || !solved.converged {
+        let fix = "aim at points well apart all round the rim";
+        return Err(Error::measure("the points", "tell no circle", fix));
+    }
+    Ok(solved)
+}
+
+/// The standard uncertainty of a point, and its degrees of freedom: as told, as the points scatter, or as is usual.
+fn aim(solved: &Solution, told_mm: Option<f64>, warnings: &mut Vec<String>) -> (f64, f64) {
+    let dof = solved.dof() as f64;
+    let seen_mm = (solved.chi2() / dof.max(1.0)).sqrt();
+    match told_mm {
+        Some(told_mm) => {
+            if dof > 0.0 && scatters_more(seen_mm, dof, told_mm) {
+                warnings.push(format!(
+                    "the points scatter by {seen_mm:.4} mm about the rim, more than --aim-u-mm says: the interval is too narrow"
+                ));
+            }
+            (told_mm, f64::INFINITY)
+        }
+        None if dof >= LEAST_DOF && seen_mm > 0.0 => (seen_mm, dof),
+        // Few tell it badly: what is usual counts as some more of them.
+        None if dof > 0.0 => {
+            let squares = USUAL_DOF * USUAL_AIM_MM.powi(2) + dof * seen_mm * seen_mm;
+            let aim_mm = (squares / (USUAL_DOF + dof)).sqrt();
+            warnings.push(format!(
+                "few points tell how surely the rim was aimed at: with {USUAL_AIM_MM} mm, which is usual, {aim_mm:.4} mm is taken; give more, or --aim-u-mm"
+            ));
+            (aim_mm, USUAL_DOF + dof)
+        }
+        None => {
+            warnings.push(format!(
+                "nothing tells how surely the rim was aimed at: {USUAL_AIM_MM} mm is taken; give --aim-u-mm, or more points"
+            ));
+            (USUAL_AIM_MM, f64::INFINITY)
+        }
+    }
 }
 
 #[cfg(test)]

@@ -18,6 +18,10 @@ use crate::uncertainty::{self, k95};
 /// centre, a few hundredths of their pitch beside the rod's.
 const LINES_OFF_CENTRE: f64 = 0.1;
 
+/// What a single table angle leaves open.
+pub(super) const ONE_ANGLE: &str =
+    "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it";
+
 /// The answer from a rim's edge in all captures.
 pub(super) fn finish(
     captures: &[Capture],
@@ -69,10 +73,7 @@ pub(super) fn finish(
             (axis.known.pair(0), [0, 1].map(u95))
         }
         None => {
-            warnings.push(
-                "one table angle only: the centre is the rod's, and its eccentricity to the C axis is in it"
-                    .to_owned(),
-            );
+            warnings.push(ONE_ANGLE.to_owned());
             (centers[0], rod_centers[0].center_u95_mm)
         }
     };
