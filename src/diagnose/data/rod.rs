@@ -137,6 +137,10 @@ impl Rod {
         let from_pole = centre + e.centre - e.place - self.pole;
         let (r, aside) = (radius + e.radius, wanted.perp(&from_pole));
         let reach = (r * r - aside * aside).max(0.0).sqrt();
+        let is_seen_true = e.camera == CameraError::default();
+        if is_seen_true && e.lobes.is_empty() {
+            return wanted.dot(&from_pole) + reach;
+        }
         let square = Vector2::new(-wanted.y, wanted.x);
         let mut n = (wanted * reach - square * aside) / r;
         let mut at = from_pole;
@@ -154,7 +158,10 @@ impl Rod {
             };
             let edge = centre + e.centre + n * (radius + e.radius + lobes);
             let w = edge - self.place[g] - e.place;
-            at = edge - e.place + self.camera_shift(&e.camera, w, n) - self.pole;
+            at = edge - e.place - self.pole;
+            if !is_seen_true {
+                at += self.camera_shift(&e.camera, w, n);
+            }
             let miss_mm = wanted.perp(&at);
             if miss_mm.abs() < NEAR_MM {
                 break;

@@ -29,7 +29,7 @@ pub struct CaptureError {
 }
 
 /// The camera's errors: a linear map of the plane offset, perspective, lens, and the light.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CameraError {
     /// Rows of the linear map, in the picture's own axes (along u, against v).
     pub linear: [[f64; 2]; 2],
