@@ -31,13 +31,14 @@ pub struct RimPoint {
     pub c_deg: f64,
 }
 
-/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where the table names pictures. Rows that stand twice count once, with a warning.
+/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where there are other columns, as of captures. Rows that stand twice count once, with a warning.
 pub fn read_points(
     path: impl AsRef<Path>,
     warnings: &mut Vec<String>,
 ) -> Result<Option<Vec<RimPoint>>> {
     let path = path.as_ref();
-    if Table::read(path, &["x_mm", "y_mm"], &["*"])?.has("image") {
+    let is_points = |name: &String| name.starts_with("x_") || name == "y_mm" || name == "c_deg";
+    if !Table::read(path, &["x_mm", "y_mm"], &["*"])?.names().iter().all(is_points) {
         return Ok(None);
     }
     let mut table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
