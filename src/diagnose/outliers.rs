@@ -282,7 +282,11 @@ fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let scales = scales(&rest, |i| fitter.space.kept(i), &layout.classes);
     let far_mm: Vec<f64> =
         scales.iter().zip(&f.noise.sigma_mm).map(|(s, sigma)| limit(n) * s * sigma).collect();
-    let parts = with_far.iter().flat_map(|g| peeled(f, layout, members(*g), &far_mm));
+    let parts = with_far.iter().flat_map(|&g| {
+        let part = peeled(f, layout, members(g), &far_mm);
+        // Its values agree among themselves: then all of it is where it does not belong.
+        if part.is_empty() && slipped[g] { members(g) } else { part }
+    });
     let mut found: Vec<usize> = whole.chain(parts).collect();
     found.sort_unstable();
     found
