@@ -41,12 +41,9 @@ pub fn minimise(
     options: Options,
     cost: impl Fn(&[f64]) -> f64,
 ) -> Result<Vec<f64>> {
-    let fail = |e: argmin::core::Error| {
-        Error::measure(
-            "particle swarm",
-            e.to_string(),
-            "report the file as a bug: the least squares beside it need no swarm",
-        )
+    let fail = |reason: String| {
+        let fix = "report the file as a bug: the least squares beside it need no swarm";
+        Error::measure("particle swarm", reason, fix)
     };
     let bounds = (vec![-bound; dimensions], vec![bound; dimensions]);
     let solver = ParticleSwarm::new(bounds, options.particles)
@@ -54,13 +51,7 @@ pub fn minimise(
     let result = Executor::new(Problem(cost), solver)
         .configure(|state| state.max_iters(options.generations))
         .run()
-        .map_err(fail)?;
+        .map_err(|e: argmin::core::Error| fail(e.to_string()))?;
     let best = result.state().get_best_param().map(|p| p.position.clone());
-    best.ok_or_else(|| {
-        Error::measure(
-            "particle swarm",
-            "found nothing",
-            "report the file as a bug: the least squares beside it need no swarm",
-        )
-    })
+    best.ok_or_else(|| fail("found nothing".into()))
 }

@@ -94,13 +94,9 @@ pub fn markdown() -> Result<String> {
             kind.name
         );
         for effect in kind.effects {
-            let word = |p: &Parameter| match p.is_switch() {
-                true => format!("{} = {}", p.name, p.start),
-                false => p.name.to_string(),
-            };
             let mut sets: Vec<String> = Vec::new();
             for form in &effect.forms {
-                let set = form.iter().map(word).collect::<Vec<_>>().join(", ");
+                let set = form.iter().map(Parameter::written).collect::<Vec<_>>().join(", ");
                 let set = format!("`{set}`");
                 if !sets.contains(&set) {
                     sets.push(set);

@@ -39,6 +39,14 @@ impl Parameter {
         self.typical == 0.0
     }
 
+    /// As a model file holds it: its name, a switch with its value.
+    pub fn written(&self) -> String {
+        match self.is_switch() {
+            true => format!("{} = {}", self.name, self.start),
+            false => self.name.to_string(),
+        }
+    }
+
     /// The least and greatest value that a parameter of the form is looked for at: beyond, it says nothing more than the limit does.
     pub fn limits(&self) -> Option<(f64, f64)> {
         let (first, last) = (self.grid.first()?, self.grid.last()?);

@@ -252,17 +252,9 @@ pub fn resolve(
             return Ok(Active { effect, form, values });
         }
     }
-    let known: Vec<String> = forms
-        .iter()
-        .map(|f| {
-            let word = |p: &Parameter| match p.is_switch() {
-                true => format!("{} = {}", p.name, p.start),
-                false => p.name.to_string(),
-            };
-            f.iter().map(word).collect::<Vec<_>>().join(", ")
-        })
-        .collect();
-    let known = known.join(" | ");
+    let set =
+        |form: &Vec<Parameter>| form.iter().map(Parameter::written).collect::<Vec<_>>().join(", ");
+    let known = forms.iter().map(set).collect::<Vec<_>>().join(" | ");
     Err(format!("{stranger}{name} takes one of these sets of parameters: {known}"))
 }
 
