@@ -282,7 +282,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     let more = move |captures: &[PlannedCapture]| -> String {
         let lines = captures.iter().map(|capture| {
             let old = last.clone();
-            let get = |name: &str, old: f64| capture.0.get(name).copied().unwrap_or(old);
+            let get = |name: &str, old: f64| capture.number(name).unwrap_or(old);
             last = match of.as_str() {
                 "burn" => vec![
                     get("height_mm", old[0]),
@@ -303,12 +303,17 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                         old[4] + 60.0,
                         lagged,
                         warming,
-                        0.0,
+                        capture.name("axis").map_or(0.0, |axis| match axis {
+                            "x" => 0.0,
+                            "y" => 1.0,
+                            _ => 2.0,
+                        }),
                     ]
                 }
                 _ => {
+                    let aside = if capture.name("path") == Some("2") { 150.0 } else { 0.0 };
                     let b = get("b_deg", 0.0).to_radians();
-                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3], 0.0]
+                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3], aside]
                 }
             };
             line(&last)

@@ -399,7 +399,7 @@ pub fn case(sort: &Sort, index: usize, points: usize, mut own: ChaCha8Rng) -> (C
     let (mut count, mut last) = (captures.len(), captures[captures.len() - 1].clone());
     let more = move |planned: &[PlannedCapture]| -> String {
         let measured = planned.iter().map(|p| {
-            let get = |name: &str| p.0.get(name).copied().unwrap_or(0.0);
+            let get = |name: &str| p.number(name).unwrap_or(0.0);
             last.t += 40.0;
             last.approach = 10.0;
             (last.x, last.y, last.c) = (get("x_mm"), get("y_mm"), get("c_deg").to_radians());

@@ -362,8 +362,8 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
     let more = move |captures: &[PlannedCapture]| -> String {
         let lines = captures.iter().map(|capture| {
             t += 25.0;
-            let get = |name: &str| capture.0.get(name).copied().unwrap_or(1.0);
-            let temp = capture.0.get("temp_c").copied().unwrap_or(temp);
+            let get = |name: &str| capture.number(name).unwrap_or(1.0);
+            let temp = capture.number("temp_c").unwrap_or(temp);
             let (b, c) = (get("b_deg").to_radians(), get("c_deg").to_radians());
             let (dir_b, dir_c) = (get("dir_b"), get("dir_c"));
             line(&Row { b, c, dir_b, dir_c, t, temp, approach: 30.0 })

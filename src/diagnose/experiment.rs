@@ -256,13 +256,45 @@ pub fn size_columns(
 }
 
 /// A capture that could be taken: column names with values.
+#[derive(Debug, Clone, PartialEq, Default, serde::Serialize, schemars::JsonSchema)]
+pub struct PlannedCapture(pub std::collections::BTreeMap<&'static str, Setting>);
+
+/// What a planned capture sets a column to.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, schemars::JsonSchema)]
-pub struct PlannedCapture(pub std::collections::BTreeMap<&'static str, f64>);
+#[serde(untagged)]
+pub enum Setting {
+    /// A position, a temperature, a direction.
+    Number(f64),
+    /// The axis or path that is measured.
+    Name(String),
+}
 
 impl PlannedCapture {
+    /// The same with a column set.
+    pub fn with(mut self, name: &'static str, value: f64) -> Self {
+        self.0.insert(name, Setting::Number(value));
+        self
+    }
+
+    /// The planned value of a column of numbers.
+    pub fn number(&self, name: &str) -> Option<f64> {
+        match self.0.get(name) {
+            Some(Setting::Number(value)) => Some(*value),
+            _ => None,
+        }
+    }
+
+    /// The axis or path that is planned in a column of names.
+    pub fn name(&self, column: &str) -> Option<&str> {
+        match self.0.get(column) {
+            Some(Setting::Name(name)) => Some(name),
+            _ => None,
+        }
+    }
+
     /// The planned value of a column, or else the last one measured.
     pub fn or_last(&self, name: &str, column: &[f64]) -> f64 {
-        self.0.get(name).or(column.last()).copied().unwrap_or(0.0)
+        self.number(name).or(column.last().copied()).unwrap_or(0.0)
     }
 
     /// Appends the value of a column, where the data have that column at all.

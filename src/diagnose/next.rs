@@ -51,16 +51,20 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let budget = fitter.experiment.layout().group_count().max(LEAST_BUDGET);
     let (picked, parted) = choose(&pairs, proposals.len(), budget);
     let useful = pairs.iter().zip(&parted).any(|(p, s)| *s > p.own.separation() + LEAST_PARTED);
-    let captures: Vec<PlannedCapture> = if useful {
-        picked.into_iter().map(|p| proposals[p].clone()).collect()
-    } else {
-        Vec::new()
-    };
+    let captures: Vec<PlannedCapture> =
+        if useful { in_order(fitter.experiment.kind(), picked, &proposals) } else { Vec::new() };
     let best = words.join("; ");
     let resolves = !captures.is_empty() && parted.iter().all(|p| *p >= PARTED);
     let count = captures.len();
-    // A ball bar's path has its own order.
-    let order = if fitter.experiment.kind() == "ballbar" { "" } else { ", in random order" };
+    let order = match fitter.experiment.kind() {
+        // A path has its own order.
+        "ballbar" => "",
+        "thermal" => ", in their order, while the screw warms up from its coldest",
+        _ if captures.iter().any(|c| c.number("temp_c") != captures[0].number("temp_c")) => {
+            ", in random order at each temperature"
+        }
+        _ => ", in random order",
+    };
     let text = match (count, resolves) {
         (0, _) => format!("no capture of this kind tells them apart; {best}"),
         (_, true) => format!("add the {count} captures listed{order}; {best}"),
@@ -70,10 +74,29 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
                 open.map(|(p, _)| p.of.map(|e| effects[e].name.as_ref()).join(" from ")).collect();
             open.sort();
             open.dedup();
-            format!("the {count} captures listed help, but not to tell {}; {best}", open.join(", "))
+            format!(
+                "the {count} captures listed{order} help, but not to tell {}; {best}",
+                open.join(", ")
+            )
         }
     };
     Some(NextMeasurement { separates, captures, resolves, text })
+}
+
+/// The captures in an order that the machine can take them in: a path goes its way, a screw warms up once, and temperatures are not
+/// changed more often than they must.
+fn in_order(
+    kind: &str,
+    mut picked: Vec<usize>,
+    proposals: &[PlannedCapture],
+) -> Vec<PlannedCapture> {
+    if matches!(kind, "ballbar" | "thermal") {
+        picked.sort_unstable();
+    }
+    let mut list: Vec<PlannedCapture> = picked.into_iter().map(|p| proposals[p].clone()).collect();
+    let temperature = |c: &PlannedCapture| c.number("temp_c").unwrap_or(0.0);
+    list.sort_by(|a, b| temperature(a).total_cmp(&temperature(b)));
+    list
 }
 
 /// What some rows say of a named effect against a rival, in units of the noise: the squares of the difference of their

@@ -3,7 +3,7 @@
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-use crate::diagnose::experiment::PlannedCapture;
+use crate::diagnose::experiment::{PlannedCapture, Setting};
 use crate::machine::Entered;
 
 /// What the diagnosis says as a whole.
@@ -143,7 +143,7 @@ impl NextMeasurement {
     fn rows(&self) -> Vec<Vec<String>> {
         let Some(first) = self.captures.first() else { return Vec::new() };
         let names: Vec<&str> = first.0.keys().copied().collect();
-        let row = |c: &PlannedCapture| names.iter().map(|n| short(c.0[n])).collect();
+        let row = |c: &PlannedCapture| names.iter().map(|n| short(&c.0[n])).collect();
         let head = names.iter().map(|n| (*n).to_owned()).collect();
         std::iter::once(head).chain(self.captures.iter().map(row)).collect()
     }
@@ -155,8 +155,11 @@ impl NextMeasurement {
 }
 
 /// A planned value with no more digits than people set.
-fn short(value: f64) -> String {
-    format!("{}", (value * 1e3).round() / 1e3 + 0.0)
+fn short(setting: &Setting) -> String {
+    match setting {
+        Setting::Number(value) => format!("{}", (value * 1e3).round() / 1e3 + 0.0),
+        Setting::Name(name) => name.clone(),
+    }
 }
 
 /// What each effect's smallest visible size is on this plan.

@@ -64,9 +64,9 @@ fn linked_z(data: &Columns, b_deg: f64) -> f64 {
     -2.0 * data.head.norm() * (1.0 - b_deg.to_radians().cos())
 }
 
-/// The Z that keeps the bar's length on the first path.
-pub fn next_z(data: &Columns, b_deg: f64) -> f64 {
-    let Some(cup) = data.cups.first() else { return linked_z(data, b_deg) };
+/// The Z that keeps the bar's length on a path.
+pub fn next_z(data: &Columns, path: usize, b_deg: f64) -> f64 {
+    let Some(cup) = data.cups.get(path) else { return linked_z(data, b_deg) };
     let from_cup = turned(b_deg.to_radians(), data.head) - cup.place_mm;
     let rest = cup.bar_mm.powi(2) - from_cup.x.powi(2) - from_cup.y.powi(2);
     if rest < 0.0 { linked_z(data, b_deg) } else { rest.sqrt() - from_cup.z }

@@ -10,8 +10,8 @@ use crate::diagnose::data::{
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Untestable,
-    Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Setting,
+    Untestable, Variable,
 };
 use crate::error::Result;
 use crate::fit::robust::range;
@@ -77,7 +77,9 @@ impl Columns {
 struct Sort {
     kind: &'static str,
     outputs: &'static [&'static str],
-    /// Columns that a planned capture may set.
+    /// Column of the axis or path that a row is of; none of burns.
+    series: &'static str,
+    /// Columns that a planned capture may set, what changes slowest first.
     planned: &'static [&'static str],
     /// Those of them that it may set otherwise than they ever were.
     widened: &'static [&'static str],
@@ -89,6 +91,7 @@ struct Sort {
 const BURN: Sort = Sort {
     kind: "burn",
     outputs: &["dx_mm", "dy_mm"],
+    series: "",
     planned: &["height_mm", "power_w", "b_deg"],
     widened: &["height_mm", "power_w"],
     library: effects::burn::library,
@@ -97,7 +100,9 @@ const BURN: Sort = Sort {
 const THERMAL: Sort = Sort {
     kind: "thermal",
     outputs: &["error_mm"],
-    planned: &["position_mm", "screw_c"],
+    series: "axis",
+    // A screw warms up once, and all positions are measured meanwhile.
+    planned: &["screw_c", "axis", "position_mm"],
     widened: &[],
     library: effects::thermal::library,
     predict: thermal::predict,
@@ -105,7 +110,8 @@ const THERMAL: Sort = Sort {
 const BALLBAR: Sort = Sort {
     kind: "ballbar",
     outputs: &["length_mm"],
-    planned: &["b_deg", "dir"],
+    series: "path",
+    planned: &["path", "dir", "b_deg"],
     widened: &[],
     library: effects::ballbar::library,
     predict: ballbar::predict,
@@ -293,6 +299,37 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
     }
 }
 
+impl ColumnsExperiment {
+    /// What a planned capture may set a column to: the axes or paths, both directions, or places over the measured range.
+    fn settings(&self, name: &'static str) -> Vec<Setting> {
+        let d = &self.data;
+        if name == self.sort.series {
+            let several = d.series_names.iter().filter(|_| d.series_names.len() > 1);
+            return several.cloned().map(Setting::Name).collect();
+        }
+        let column = d.get(name);
+        if column.is_empty() {
+            return Vec::new();
+        }
+        if name == "dir" {
+            return [1.0, -1.0].map(Setting::Number).to_vec();
+        }
+        let (mut low, mut high) = range(column);
+        if name == "b_deg" {
+            // What B can do on one side it can do on the other.
+            high = high.max(-low);
+            low = -high;
+        }
+        if high == low && self.sort.widened.contains(&name) {
+            // What never changed hides what it does: half as much of it shows that.
+            low = 0.5 * high;
+        }
+        let count = if high > low { PLANNED_STEPS } else { 1 };
+        let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
+        (0..count).map(|k| Setting::Number(at(k))).collect()
+    }
+}
+
 impl Experiment for ColumnsExperiment {
     fn kind(&self) -> &'static str {
         self.sort.kind
@@ -331,61 +368,42 @@ impl Experiment for ColumnsExperiment {
     }
 
     fn proposals(&self) -> Vec<PlannedCapture> {
-        let d = &self.data;
-        // Places over the measured range of a column, or the two directions.
-        let steps = |name: &'static str| -> Vec<(&'static str, f64)> {
-            let column = d.get(name);
-            if column.is_empty() {
-                return Vec::new();
-            }
-            let (mut low, mut high) = range(column);
-            if name == "b_deg" {
-                // What B can do on one side it can do on the other.
-                high = high.max(-low);
-                low = -high;
-            }
-            if high == low && self.sort.widened.contains(&name) {
-                // What never changed hides what it does: half as much of it shows that.
-                low = 0.5 * high;
-            }
-            let count = if high > low { PLANNED_STEPS } else { 1 };
-            let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
-            (0..count).map(|k| (name, at(k))).collect()
-        };
-        let mut list = vec![BTreeMap::new()];
-        for name in self.sort.planned {
-            let values = if *name == "dir" && !d.get("dir").is_empty() {
-                vec![("dir", 1.0), ("dir", -1.0)]
-            } else {
-                steps(name)
-            };
-            if !values.is_empty() {
-                let with = |c: &BTreeMap<&'static str, f64>| -> Vec<BTreeMap<&'static str, f64>> {
-                    values
-                        .iter()
-                        .map(|v| c.iter().map(|(k, x)| (*k, *x)).chain([*v]).collect())
-                        .collect()
+        let mut list = vec![PlannedCapture::default()];
+        for &name in self.sort.planned {
+            let settings = self.settings(name);
+            if !settings.is_empty() {
+                let with = |capture: &PlannedCapture| {
+                    let set = |setting: &Setting| {
+                        let mut capture = capture.clone();
+                        capture.0.insert(name, setting.clone());
+                        capture
+                    };
+                    settings.iter().map(set).collect::<Vec<_>>()
                 };
                 list = list.iter().flat_map(with).collect();
             }
         }
-        list.into_iter().map(PlannedCapture).collect()
+        list
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
         let mut data = self.data.clone();
         for capture in plan {
+            let planned = capture.name(self.sort.series);
+            let named = |name: &String| planned == Some(name.as_str());
+            let series = data.series_names.iter().position(named).unwrap_or(0);
             for (name, column) in &mut data.numbers {
                 match *name {
                     "t_s" => extend_time(column),
                     // Z stays linked to B, as the ball bar's own path has it.
                     "z_mm" => {
-                        column.push(ballbar::next_z(&self.data, capture.or_last("b_deg", &[0.0])))
+                        let b_deg = capture.or_last("b_deg", &[0.0]);
+                        column.push(ballbar::next_z(&self.data, series, b_deg));
                     }
                     name => capture.extend(name, column),
                 }
             }
-            data.series.push(0);
+            data.series.push(series);
             for sensor in &mut data.head_c {
                 sensor.push(sensor.last().copied().unwrap_or(0.0));
             }

@@ -4,7 +4,6 @@ mod layout;
 mod read;
 mod sense;
 
-use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
@@ -275,20 +274,20 @@ impl Experiment for RodExperiment {
         for k in 0..9 * PLANNED_ANGLES {
             let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
             let place = [k % 3 - 1, k / 3 % 3 - 1].map(f64::from);
-            let mut capture = BTreeMap::new();
-            capture.insert("x_mm", d.pole.x + place[0] * reach[0]);
-            capture.insert("y_mm", d.pole.y + place[1] * reach[1]);
+            let mut capture = PlannedCapture::default()
+                .with("x_mm", d.pole.x + place[0] * reach[0])
+                .with("y_mm", d.pole.y + place[1] * reach[1]);
             // C angles that no small harmonic repeats on.
             if !d.c_rad.is_empty() {
-                capture.insert("c_deg", f64::from(k / 9 * 83 % 360));
+                capture = capture.with("c_deg", f64::from(k / 9 * 83 % 360));
             }
             if !d.dir_x.is_empty() {
-                capture.insert("dir_x", side(k));
+                capture = capture.with("dir_x", side(k));
             }
             if !d.dir_y.is_empty() {
-                capture.insert("dir_y", side(k / 2));
+                capture = capture.with("dir_y", side(k / 2));
             }
-            list.push(PlannedCapture(capture));
+            list.push(capture);
         }
         list
     }
@@ -311,7 +310,7 @@ impl Experiment for RodExperiment {
             }
             data.place.push(place);
             if let Some(last) = data.c_rad.last().copied() {
-                let planned = capture.0.get("c_deg").map(|c| data.c_sense * c.to_radians());
+                let planned = capture.number("c_deg").map(|c| data.c_sense * c.to_radians());
                 data.c_rad.push(planned.unwrap_or(last));
             }
             capture.extend("dir_x", &mut data.dir_x);

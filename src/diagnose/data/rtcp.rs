@@ -1,7 +1,5 @@
 //! `rtcp` data: deviation vectors over B, C, direction, time, temperature.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{Rotation3, Vector3};
 
 use crate::diagnose::data::{extend_time, need, need_head_b_table_c, sites};
@@ -276,20 +274,21 @@ impl Experiment for RtcpExperiment {
             for b in 0..13 {
                 for c in 0..7 {
                     let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-                    let mut capture = BTreeMap::new();
-                    capture.insert("b_deg", f64::from(b) * 15.0 - 90.0);
                     // C angles that no small harmonic repeats on.
-                    capture.insert("c_deg", f64::from((c + 7 * k as i32) * 83 % 360));
+                    let c_deg = f64::from((c + 7 * k as i32) * 83 % 360);
+                    let mut capture = PlannedCapture::default()
+                        .with("b_deg", f64::from(b) * 15.0 - 90.0)
+                        .with("c_deg", c_deg);
                     for (name, column, way) in [
                         ("dir_b", &self.data.dir_b, side(b + c)),
                         ("dir_c", &self.data.dir_c, side(b + c / 2)),
                         ("temp_c", &self.data.temp_c, temp),
                     ] {
                         if !column.is_empty() {
-                            capture.insert(name, way);
+                            capture = capture.with(name, way);
                         }
                     }
-                    list.push(PlannedCapture(capture));
+                    list.push(capture);
                 }
             }
         }
