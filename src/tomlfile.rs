@@ -37,13 +37,19 @@ pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<
         Err(error) => error,
     };
     let field = field_of(&error).unwrap_or_else(|| "TOML".into());
-    let reason = match error.message().strip_suffix(", expected fewer elements in array") {
-        Some(length) => format!("{length} is more than belongs there"),
-        None => error.message().to_owned(),
-    };
     // The text knows lines, where it meets the same error.
     let in_text = toml::from_str::<T>(text).err().filter(|e| e.message() == error.message());
     let line = in_text.map_or_else(|| line_with(text, &field), |e| line_of(e.span()));
+    let message = error.message();
+    let reason = if message == "invalid type: unit variant, expected newtype variant" {
+        let at = line.and_then(|n| text.lines().nth(n as usize - 1)).unwrap_or("");
+        let choice = at.split_once('=').map_or("", |(_, v)| v.trim().trim_matches(['"', '\'']));
+        format!("is a table with options of its own: write [{field}.{choice}]")
+    } else if let Some(length) = message.strip_suffix(", expected fewer elements in array") {
+        format!("{length} is more than belongs there")
+    } else {
+        message.to_owned()
+    };
     Err(fail(line, &field, &reason))
 }
 
@@ -107,6 +113,23 @@ mod tests {
         assert_eq!(parse::<Small>("f.toml", "a = 1.0\nx_who = 'me'\n").unwrap().a, 1.0);
         let message = parse::<Small>("f.toml", "a = 1.0\nbb = 2\n").unwrap_err().to_string();
         assert!(message.starts_with("f.toml:2:") && message.contains("bb"), "{message}");
+    }
+
+    #[test]
+    fn a_choice_with_options_is_asked_for_as_a_table() {
+        #[derive(Debug, serde::Deserialize)]
+        #[serde(rename_all = "lowercase")]
+        enum Method {
+            Burn(Small),
+        }
+        #[derive(Debug, serde::Deserialize)]
+        struct Job {
+            #[serde(rename = "measure")]
+            _measure: Method,
+        }
+        let error = parse::<Job>("job.toml", "measure = \"burn\"\n").unwrap_err().to_string();
+        assert!(error.starts_with("job.toml:1: measure: is a table"), "{error}");
+        assert!(error.contains("write [measure.burn]"), "{error}");
     }
 
     #[test]
