@@ -76,6 +76,68 @@ fn the_middle_of_a_turned_plate_is_no_second_burn() {
     assert!(off_mm < 0.001, "off by {off_mm}");
 }
 
+/// Nor are they a spot where the ring lies about them, with a spot of its own that cannot be told or with none.
+#[test]
+fn the_middle_of_a_turned_plate_within_a_ring_is_no_spot() {
+    let (center, middle) = (Vector2::new(318.3, 241.6), Vector2::new(282.0, 229.0));
+    for (depth, pitch_px) in [(8.0, 1.9), (14.0, 2.6), (20.0, 1.5)] {
+        let seen = picture(|p| {
+            let burnt = (110.0..140.0).contains(&(p - center).norm());
+            let groove = depth * ((p - middle).norm() / pitch_px).sin();
+            if burnt { BURNT } else { PLATE + groove }
+        });
+        let found = measure(&seen).map(|m| (m.report.spot.center_px, m.report.spot.diameter_mm));
+        assert!(found.is_err(), "{depth} {pitch_px}: {found:?}");
+    }
+}
+
+/// A circle that is scribed about a pale burn is sharper than it, and is not its ring; one within a ring is no spot.
+#[test]
+fn scribed_circles_are_neither_ring_nor_spot() {
+    let (center, offset_px) = (Vector2::new(318.3, 241.6), Vector2::new(2.3, -1.4));
+    let scribed = |at: Vector2<f64>, radius: f64, ring: f64, spot: f64| {
+        measure(&picture(|p| {
+            let (r, line) = ((p - center).norm(), ((p - at).norm() - radius).abs() < 1.1);
+            match ((p - center - offset_px).norm() < 24.0, line) {
+                (true, _) => spot,
+                (false, true) => 0.6 * PLATE,
+                (false, false) if (100.0..140.0).contains(&r) => ring,
+                (false, false) => PLATE,
+            }
+        }))
+    };
+    for apart in [Vector2::new(9.0, -6.0), Vector2::new(1.0, 2.0)] {
+        let found = scribed(center + apart, 190.0, 0.88 * PLATE, BURNT).unwrap();
+        let (off_mm, diameter_mm) = (off_mm(&found, offset_px), found.report.ring.diameter_mm);
+        assert!(off_mm < 0.001 && (diameter_mm - 5.6).abs() < 0.02, "{off_mm} {diameter_mm}");
+    }
+    let inside = scribed(center + Vector2::new(4.0, 3.0), 62.0, BURNT, PLATE);
+    assert!(inside.is_err(), "{:?}", inside.map(|m| m.report.spot.diameter_mm));
+}
+
+/// Where the bare plate is seen inside an annulus, a large mark lighter than it is no inner edge; nor is one far off a disc's centre.
+#[test]
+fn a_large_light_spot_is_measured() {
+    let center = Vector2::new(318.3, 241.6);
+    for (inner_px, offset_px, size_px) in [
+        (120.0, Vector2::new(1.1, -0.7), 46.0),
+        (120.0, Vector2::new(0.2, 0.3), 60.0),
+        (0.0, Vector2::new(24.0, -18.0), 56.0),
+    ] {
+        let found = measure(&picture(|p| {
+            let ring = (inner_px..150.0).contains(&(p - center).norm());
+            match ((p - center - offset_px).norm() < size_px, ring) {
+                (true, true) => 0.5 * PLATE,
+                (true, false) => 1.25 * PLATE,
+                (false, true) => BURNT,
+                (false, false) => PLATE,
+            }
+        }));
+        let off_mm = off_mm(&found.unwrap(), offset_px);
+        assert!(off_mm < 0.001, "{inner_px} {size_px}: off by {off_mm}");
+    }
+}
+
 #[test]
 fn the_inner_edge_of_a_wide_annulus_is_no_spot() {
     for part in [0.34, 0.4, 0.45] {

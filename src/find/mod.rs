@@ -7,6 +7,7 @@
 
 mod crests;
 mod folds;
+mod line;
 mod look;
 mod rays;
 mod refine;
@@ -18,6 +19,7 @@ mod votes;
 mod waves;
 
 pub(crate) use folds::is_folded;
+pub(crate) use line::is_line;
 pub use look::Look;
 pub(crate) use look::blur;
 pub(crate) use slopes::is_fall_off;

@@ -34,12 +34,13 @@ fn strength(c: &Candidate) -> f64 {
     (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / glow(c, 0.1)
 }
 
-/// Likely rings, best first; of concentric edges the outermost strong one.
-pub(super) fn candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
+/// Likely rings, best first, and lines after all others; of concentric edges the outermost strong one.
+pub(super) fn candidates(look: &Look, all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
     let mut list: Vec<Candidate> =
         all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
     list.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
     let mut rings: Vec<Candidate> = Vec::new();
+    let mut lines: Vec<Candidate> = Vec::new();
     for c in list.iter().take(16) {
         let shares_center = |o: &&Candidate| shares_center(o, c);
         // A halo is much fainter than the ring it surrounds.
@@ -47,20 +48,31 @@ pub(super) fn candidates(all: &[Candidate], least_radius_px: f64) -> Vec<Candida
             .filter(|o| o.step * c.step > 0.0 && o.circle.radius > 0.6 * c.circle.radius)
             .map(|o| o.step.abs())
             .fold(0.0, f64::max);
+        let is_line = is_line(look, c);
         let outermost = (all.iter().filter(shares_center))
             .filter(|o| o.circle.radius > 0.6 * c.circle.radius)
             .filter(|o| o.step.abs() > HALO * strongest)
+            .filter(|o| is_line || !self::is_line(look, o))
             .max_by(|a, b| a.circle.radius.total_cmp(&b.circle.radius))
             .unwrap_or(c);
         let known = |r: &Candidate| {
             is_concentric(r, outermost)
                 && (r.circle.radius / outermost.circle.radius - 1.0).abs() < 0.05
         };
-        if !rings.iter().any(known) {
-            rings.push(*outermost);
+        let list = if is_line { &mut lines } else { &mut rings };
+        if !list.iter().any(known) {
+            list.push(*outermost);
         }
     }
+    rings.extend(lines);
     rings
+}
+
+/// Whether a circle is no burn's ring but scribed or drawn.
+pub(super) fn is_line(look: &Look, c: &Candidate) -> bool {
+    /// Width in radii: a burn's zones are wider.
+    const WIDEST: f64 = 0.04;
+    find::is_line(look, c.circle, WIDEST)
 }
 
 /// Whether another edge has a candidate's centre, and is about as well seen.

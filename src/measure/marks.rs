@@ -117,10 +117,10 @@ impl<'a> Scene<'a> {
     }
 
     fn rings(&self) -> Vec<Candidate> {
-        annulus::candidates(&self.steady, 0.06 * longer_side(self.frame))
+        annulus::candidates(self.look, &self.steady, 0.06 * longer_side(self.frame))
     }
 
-    /// The first of the rings with a spot; one whose spot may be dirt only where no other has any.
+    /// The first of the rings with a spot; one whose spot may be dirt, or which is a line, only where no other has any.
     fn seek<'c>(
         &self,
         rings: &'c [Candidate],
@@ -128,6 +128,7 @@ impl<'a> Scene<'a> {
         subject: &str,
     ) -> Result<Option<Marks>> {
         let mut dotted: Option<(&Candidate, Marks)> = None;
+        let mut lined: Option<(&Candidate, Marks)> = None;
         for outer in rings.iter().take(TRIES) {
             let is_known = |other: &Candidate| is_concentric(other, outer);
             if tried.rules_out(outer)
@@ -137,6 +138,9 @@ impl<'a> Scene<'a> {
                 continue;
             }
             match self.attempt(outer, rings) {
+                Attempt::Both(marks) if annulus::is_line(self.look, outer) => {
+                    lined.get_or_insert((outer, *marks));
+                }
                 Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
                 Attempt::Both(marks) => match &dotted {
                     Some((other, _)) => {
@@ -169,7 +173,9 @@ impl<'a> Scene<'a> {
                 Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
             }
         }
-        Ok(dotted.map(|(_, marks)| marks).filter(|_| tried.unclear.is_empty()))
+        let dotted = dotted.map(|(_, marks)| marks).filter(|_| tried.unclear.is_empty());
+        let lined = lined.filter(|(line, _)| !tried.has_burn_about(line)).map(|(_, marks)| marks);
+        Ok(dotted.or(lined))
     }
 
     /// Looks for a spot in what may be one of the `rings`, and measures both.
@@ -189,7 +195,7 @@ impl<'a> Scene<'a> {
             let near = place.look_near(self.frame, outer);
             let look = near.as_ref().unwrap_or(self.look);
             let mut spots = spot::candidates(look, outer, &edges, place);
-            spots.retain(|s| annulus::beats_bands(s, outer, &self.steady));
+            spots.retain(|s| annulus::beats_bands(s, outer, &self.steady) && !is_groove(look, s));
             (!spots.is_empty()).then_some((place, near, spots))
         };
         let mut looks = spot::PLACES.iter().filter_map(spots_at).peekable();
@@ -283,6 +289,17 @@ impl<'a> Tried<'a> {
         self.refused.push(c);
     }
 
+    /// Whether a ring without a usable spot lies within a line, or about it: then the line is not the burn's.
+    fn has_burn_about(&self, line: &Candidate) -> bool {
+        /// How far apart the two centres are, and how much smaller one is, in the larger one's radii.
+        const APART: f64 = 0.5;
+        self.lone.iter().any(|ring| {
+            let (a, b) = (&ring.circle, &line.circle);
+            let (small, large) = (a.radius.min(b.radius), a.radius.max(b.radius));
+            (a.center - b.center).norm() < APART * large && small > APART * large
+        })
+    }
+
     /// Whether what was tried before says that a circle is no ring.
     fn rules_out(&self, c: &Candidate) -> bool {
         // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
@@ -326,6 +343,17 @@ impl<'a> Tried<'a> {
         };
         Error::measure(subject, what, help)
     }
+}
+
+/// Whether a spot is a line, or one of many circles about its centre, as a turned plate's grooves are.
+fn is_groove(look: &Look, spot: &Candidate) -> bool {
+    /// Width in radii: a crater's rim is wider.
+    const WIDEST: f64 = 0.11;
+    /// Swings of the mean level beyond it, by such a part of its step: a ring, its zones and its halo have some.
+    const MOST_SWINGS: usize = 4;
+    const SWING: f64 = 0.6;
+    find::is_line(look, spot.circle, WIDEST)
+        || find::swings_beyond(look, spot.circle, SWING * spot.step.abs()) > MOST_SWINGS
 }
 
 /// How much speaks against two circles' being a burn's ring and spot: each of it is seen with burns, but hardly ever much of it together.

@@ -40,6 +40,8 @@ pub(super) const PLACES: [Place; 5] = [
 const LARGE_SOFT: f64 = 1.1;
 /// And burnt as the ring is: its step as a part of the ring's, at least.
 const LARGE_STEP: f64 = 0.25;
+/// But off the ring's centre by this part of its radius it is no zone of the ring's, and may be fainter.
+const LARGE_OFF: f64 = 0.1;
 /// Far out, large or tiny it must be found whole, to this part: what touches an annulus' edges on two sides looks like a circle, too.
 pub(super) const WHOLE: f64 = 0.9;
 /// Radius from which a circle of the other sense may be the annulus' inner edge, in the ring's radii.
@@ -110,7 +112,9 @@ pub(super) fn candidates(
     let most_radius_px = most * ring.radius;
     let is_rings_own = |c: &Candidate| {
         let slack_px = c.scatter_px + outer.scatter_px;
-        c.step * outer.step < 0.0 && may_end(&c.circle, &ring, slack_px)
+        c.step * outer.step < 0.0
+            && may_end(&c.circle, &ring, slack_px)
+            && !ends_farther_out(edges, &ring, outer.step, c.circle.radius)
     };
     // A faint spot is not seen beside a ring whose every edge asks for circles.
     let known: Vec<Candidate> = edges
@@ -177,7 +181,8 @@ pub(super) fn has_rivals(place: &Place, spots: &[Candidate]) -> bool {
     let Some((spot, others)) = spots.split_first() else { return false };
     // Two may be glares or dirt; of dots any other says that they are many.
     let most = if place.near { 0 } else { 2 };
-    others.iter().filter(|c| is_like(c, spot, &SPOTS)).count() > most
+    let alike = if place.near { &DOTS } else { &SPOTS };
+    others.iter().filter(|c| is_like(c, spot, alike)).count() > most
 }
 
 /// Whether a spot may be the one meant where the likeliest cannot be measured: one farther out is spatter, as is one far less clear.
@@ -198,6 +203,20 @@ pub(super) fn clear_px(large: &Circle, small: &Circle, softness_px: f64) -> f64 
 fn may_end(inner: &Circle, ring: &Circle, slack: f64) -> bool {
     inner.radius > OWN_RADIUS * ring.radius
         && (inner.center - ring.center).norm() < OWN_OFF * ring.radius + slack
+}
+
+/// Whether an annulus of that step ends at another of the `edges`, clear of a radius (px): the bare plate is seen within.
+fn ends_farther_out(edges: &[Candidate], ring: &Circle, step: f64, radius_px: f64) -> bool {
+    /// In the radius, in the ring's, and in its step.
+    const CLEAR: f64 = 1.2;
+    const INSIDE: f64 = 0.97;
+    const BARE: f64 = 0.35;
+    let ends = |e: &Candidate| {
+        e.step / step < -BARE
+            && (CLEAR * radius_px..INSIDE * ring.radius).contains(&e.circle.radius)
+            && (e.circle.center - ring.center).norm() < OWN_OFF * ring.radius + e.scatter_px
+    };
+    edges.iter().any(ends)
 }
 
 /// Whether two circles' outlines meet, or come as close as `reach_px`.
@@ -302,9 +321,12 @@ impl Inside<'_> {
 
     /// Whether a large circle is whole, sharp and burnt enough for a spot.
     fn is_clearly_burnt(&self, found: &Ring) -> bool {
+        let off_mm = (found.circle.center - self.ring.circle.center).norm();
+        let least_step =
+            if off_mm > LARGE_OFF * self.ring.circle.radius { FAINT } else { LARGE_STEP };
         found.arc_coverage > WHOLE
             && found.softness_px < LARGE_SOFT * self.ring.softness_px + 1.0
-            && found.contrast / self.ring.contrast > LARGE_STEP
+            && (found.contrast / self.ring.contrast).abs() > least_step
     }
 
     /// Whether what lies far out is light that the plate throws back.
@@ -320,8 +342,13 @@ impl Inside<'_> {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
-        let is_rings_own =
-            found.contrast * self.ring.contrast < 0.0 && may_end(&found.circle, &ring, 0.0);
+        let ring_px = Circle {
+            center: self.ring.center_px,
+            radius: ring.radius / self.view.pixel_mm_at(ring.center),
+        };
+        let is_rings_own = found.contrast * self.ring.contrast < 0.0
+            && may_end(&found.circle, &ring, 0.0)
+            && !ends_farther_out(self.edges, &ring_px, self.ring.contrast, size * ring_px.radius);
         // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
         // unsure or the ring ends with it.
         let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
