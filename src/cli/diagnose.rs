@@ -7,12 +7,12 @@ use clap::Args as ClapArgs;
 
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result};
-use crate::diagnose::load::{Kind, Source};
+use crate::diagnose::load::Source;
 use crate::diagnose::report::{Detectable, Report};
 use crate::diagnose::run::{Options, diagnose};
 use crate::diagnose::{model, own, page, plan};
 use crate::error::{Error, Result};
-use crate::machine::{Entered, Machine, entered, is_entered, is_told};
+use crate::machine::{DataKind, Entered, Machine, entered, is_entered, is_told};
 use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
@@ -20,7 +20,7 @@ use crate::output::Document;
 pub struct Args {
     /// The kind of data
     #[arg(value_enum)]
-    kind: Kind,
+    kind: DataKind,
     /// Measured data (columns: docs/diagnose.md)
     #[arg(long, value_name = "DATA.csv")]
     data: PathBuf,

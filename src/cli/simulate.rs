@@ -10,9 +10,9 @@ use serde_json::{Map, Value, json};
 use crate::cli::{Global, Outcome, result};
 use crate::diagnose::data::rtcp::add_effects;
 use crate::diagnose::doubts::beyond_machines;
-use crate::diagnose::load::{Kind, Source};
+use crate::diagnose::load::Source;
 use crate::error::{Error, Result};
-use crate::machine::Machine;
+use crate::machine::{DataKind, Machine};
 use crate::output::{Document, Format};
 use crate::rtcp::sweep::{DEVIATION, Sweep, predict};
 use crate::table::Table;
@@ -22,7 +22,7 @@ use crate::table::Table;
 pub struct Args {
     /// The kind of data
     #[arg(value_enum)]
-    kind: Kind,
+    kind: DataKind,
     /// The machine file, with the effects it is to show; rtcp and ballbar need one
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
@@ -53,7 +53,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         return Err(Error::option("--noise-mm", reason, "give a size in mm, zero or more"));
     }
     match args.kind {
-        Kind::Rtcp => rtcp(args, global),
+        DataKind::Rtcp => rtcp(args, global),
         _ => other(args, global),
     }
 }

@@ -2,8 +2,6 @@
 
 use std::path::PathBuf;
 
-use clap::ValueEnum;
-
 use crate::camera::Calibration;
 use crate::diagnose::data::columns::{self, ColumnsExperiment};
 use crate::diagnose::data::of_model;
@@ -12,30 +10,15 @@ use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::experiment::Experiment;
 use crate::diagnose::own;
 use crate::error::{Error, Result};
-use crate::machine::{self, Head, Machine};
+use crate::machine::{self, DataKind, Head, Machine};
 use crate::repeats;
 use crate::table::Table;
-
-/// The kinds of data.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub enum Kind {
-    /// RTCP deviation vectors over B, C, direction, time, temperature
-    Rtcp,
-    /// Edge points of a check rod in pixels
-    Rod,
-    /// Ball bar length over B with Z linked
-    Ballbar,
-    /// Thermal error over position and temperatures
-    Thermal,
-    /// Burn test offsets over height, power, B, time
-    Burn,
-}
 
 /// Where an experiment comes from.
 #[derive(Debug, Clone)]
 pub struct Source {
     /// The kind of data.
-    pub kind: Kind,
+    pub kind: DataKind,
     /// The data file.
     pub data: PathBuf,
     /// The machine file; needed for `rtcp` and `ballbar`.
@@ -53,7 +36,7 @@ impl Source {
     pub fn machine(&self) -> Result<Machine> {
         match &self.model {
             Some(path) => Machine::read(path),
-            None if matches!(self.kind, Kind::Rtcp | Kind::Ballbar) => Err(Error::option(
+            None if matches!(self.kind, DataKind::Rtcp | DataKind::Ballbar) => Err(Error::option(
                 "--model",
                 "is missing: the prediction needs the machine's geometry",
                 "give the machine.toml that the control's numbers stand in",
@@ -66,8 +49,7 @@ impl Source {
     pub fn load(&self, warnings: &mut Vec<String>) -> Result<Box<dyn Experiment>> {
         let machine = self.machine()?;
         warnings.extend(machine.doubts());
-        let kind = self.kind.to_possible_value();
-        let kind = kind.as_ref().map_or("", |k| k.get_name());
+        let kind = self.kind.name();
         let of_file = self.effects.as_ref().map(|path| own::read(path, kind)).transpose()?;
         let mut entries = of_file.unwrap_or_default();
         let mut of_machine = own::of_machine(&machine, kind);
@@ -83,19 +65,19 @@ impl Source {
     /// The data file.
     fn table(&self, warnings: &mut Vec<String>) -> Result<Table> {
         let (required, optional) = match self.kind {
-            Kind::Rtcp => rtcp::COLUMNS,
-            Kind::Rod => rod::COLUMNS,
-            Kind::Ballbar => columns::BALLBAR_COLUMNS,
-            Kind::Thermal => columns::THERMAL_COLUMNS,
-            Kind::Burn => columns::BURN_COLUMNS,
+            DataKind::Rtcp => rtcp::COLUMNS,
+            DataKind::Rod => rod::COLUMNS,
+            DataKind::Ballbar => columns::BALLBAR_COLUMNS,
+            DataKind::Thermal => columns::THERMAL_COLUMNS,
+            DataKind::Burn => columns::BURN_COLUMNS,
         };
         let mut table = Table::read(&self.data, required, optional)?;
         let readings: &[&str] = match self.kind {
-            Kind::Rtcp => &["dx_mm", "dy_mm", "dz_mm"],
-            Kind::Rod => &["u_px", "v_px"],
-            Kind::Ballbar => &["length_mm"],
-            Kind::Thermal => &["error_mm"],
-            Kind::Burn => &["dx_mm", "dy_mm"],
+            DataKind::Rtcp => &["dx_mm", "dy_mm", "dz_mm"],
+            DataKind::Rod => &["u_px", "v_px"],
+            DataKind::Ballbar => &["length_mm"],
+            DataKind::Thermal => &["error_mm"],
+            DataKind::Burn => &["dx_mm", "dy_mm"],
         };
         if self.once {
             repeats::measured_once(&mut table, readings, warnings);
@@ -111,8 +93,8 @@ impl Source {
     ) -> Result<Box<dyn Experiment>> {
         let table = self.table(warnings)?;
         Ok(match self.kind {
-            Kind::Rtcp => Box::new(RtcpExperiment::from_table(&table, machine, warnings)?),
-            Kind::Rod => {
+            DataKind::Rtcp => Box::new(RtcpExperiment::from_table(&table, machine, warnings)?),
+            DataKind::Rod => {
                 let calib = self.calib.as_ref().ok_or_else(|| {
                     Error::option(
                         "--calib",
@@ -123,9 +105,13 @@ impl Source {
                 let calibration = Calibration::read(calib)?;
                 Box::new(RodExperiment::from_table(&table, &calibration, Some(machine), warnings)?)
             }
-            Kind::Ballbar => Box::new(ColumnsExperiment::ballbar_table(&table, machine, warnings)?),
-            Kind::Thermal => Box::new(ColumnsExperiment::thermal_table(&table, machine, warnings)?),
-            Kind::Burn => Box::new(ColumnsExperiment::burn_table(&table, machine, warnings)?),
+            DataKind::Ballbar => {
+                Box::new(ColumnsExperiment::ballbar_table(&table, machine, warnings)?)
+            }
+            DataKind::Thermal => {
+                Box::new(ColumnsExperiment::thermal_table(&table, machine, warnings)?)
+            }
+            DataKind::Burn => Box::new(ColumnsExperiment::burn_table(&table, machine, warnings)?),
         })
     }
 }

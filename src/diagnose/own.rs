@@ -13,7 +13,7 @@ use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture,
 };
 use crate::error::{Error, Result};
-use crate::machine::{Effect, Machine};
+use crate::machine::{DataKind, Effect, Machine};
 use crate::tomlfile;
 
 /// Columns that some kind of data may have; a formula may ask for them, and cannot be tested without them.
@@ -133,9 +133,8 @@ pub fn read(path: impl AsRef<Path>, kind: &str) -> Result<Vec<Entry>> {
         if file.effects[..i].iter().any(|o| o.name == e.name && o.kind == e.kind) {
             return fail("name", "is used twice", "give each effect a name of its own");
         }
-        if !["rtcp", "rod", "ballbar", "thermal", "burn"].contains(&e.kind.as_str()) {
-            let fix = "write rtcp, rod, ballbar, thermal or burn";
-            return fail("kind", &format!("is '{}'", e.kind), fix);
+        if !DataKind::has(&e.kind) {
+            return fail("kind", &format!("is '{}'", e.kind), DataKind::FIX);
         }
         if e.outputs.is_empty() || e.parameters.values().all(|p| !p.grid.is_empty()) {
             let reason = "needs an output and a parameter without a grid, which makes its size";

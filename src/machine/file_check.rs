@@ -1,13 +1,11 @@
 //! Checks of a machine file: what no machine can have, with the field's name and what to write instead.
 
 use crate::machine::axis::AxisName;
+use crate::machine::data_kind::DataKind;
 use crate::machine::file::{AxisEntry, Head, Machine};
 
 /// Field, what is wrong with it, and what to do.
 type Check = std::result::Result<(), (String, String, &'static str)>;
-
-/// Kinds of data that effects have formulas for.
-const KINDS: [&str; 5] = ["rtcp", "rod", "ballbar", "thermal", "burn"];
 
 impl Machine {
     /// The first thing in the file that cannot be.
@@ -90,11 +88,11 @@ impl Machine {
                     "give the half-width of the 95 % interval, zero or more",
                 ));
             }
-            if let Some(kind) = effect.kind.as_ref().filter(|k| !KINDS.contains(&k.as_str())) {
+            if let Some(kind) = effect.kind.as_ref().filter(|k| !DataKind::has(k)) {
                 return Err((
                     format!("effects '{}': kind", effect.name),
                     format!("is '{kind}', no kind of data"),
-                    "write rtcp, rod, ballbar, thermal or burn",
+                    DataKind::FIX,
                 ));
             }
         }

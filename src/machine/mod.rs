@@ -11,6 +11,7 @@
 
 mod axis;
 mod chain;
+mod data_kind;
 mod entered;
 mod error_model;
 mod figure;
@@ -21,6 +22,7 @@ mod screw;
 
 pub use axis::{Axis, AxisName, Side, apart_deg, written_deg};
 pub use chain::{Chain, Joints, Motion, ToolPose};
+pub use data_kind::DataKind;
 pub use entered::{Entered, entered, is_entered, is_told};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
 pub use figure::frames_svg;

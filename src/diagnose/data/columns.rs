@@ -15,7 +15,7 @@ use crate::diagnose::experiment::{
 };
 use crate::error::Result;
 use crate::fit::robust::range;
-use crate::machine::Machine;
+use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use crate::thermal::head::sensor_columns;
 use crate::units;
@@ -75,7 +75,7 @@ impl Columns {
 
 /// What sets one kind of data over plain columns apart.
 struct Sort {
-    kind: &'static str,
+    kind: DataKind,
     outputs: &'static [&'static str],
     /// Column of the axis or path that a row is of; none of burns.
     series: &'static str,
@@ -89,7 +89,7 @@ struct Sort {
 }
 
 const BURN: Sort = Sort {
-    kind: "burn",
+    kind: DataKind::Burn,
     outputs: &["dx_mm", "dy_mm"],
     series: "",
     planned: &["height_mm", "power_w", "b_deg"],
@@ -98,7 +98,7 @@ const BURN: Sort = Sort {
     predict: |_, _, _, e| [e.x, e.y],
 };
 const THERMAL: Sort = Sort {
-    kind: "thermal",
+    kind: DataKind::Thermal,
     outputs: &["error_mm"],
     series: "axis",
     // A screw warms up once, and all positions are measured meanwhile.
@@ -108,7 +108,7 @@ const THERMAL: Sort = Sort {
     predict: thermal::predict,
 };
 const BALLBAR: Sort = Sort {
-    kind: "ballbar",
+    kind: DataKind::Ballbar,
     outputs: &["length_mm"],
     series: "path",
     planned: &["path", "dir", "b_deg"],
@@ -215,7 +215,7 @@ impl ColumnsExperiment {
         let mut measured = Vec::new();
         for name in sort.outputs {
             let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);
-            if sort.kind != "ballbar" {
+            if sort.kind != DataKind::Ballbar {
                 warnings.extend(units::errors(name, &column));
             }
             measured.push(column);
@@ -268,7 +268,7 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
         });
     }
     let mut directions = Direction::side_by_side(outputs, rows);
-    if sort.kind == "thermal" {
+    if sort.kind == DataKind::Thermal {
         // Every axis is a machine of its own: what has no name may be one's alone.
         let on = |axis: usize| -> Vec<f64> {
             data.series.iter().map(|s| f64::from(u8::from(*s == axis))).collect()
@@ -293,7 +293,7 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
         classes: (0..rows * k).map(|i| i % k).collect(),
         directions,
         variables,
-        traced: sort.kind == "ballbar",
+        traced: sort.kind == DataKind::Ballbar,
         random: Vec::new(),
         rim_deg: Vec::new(),
     }
@@ -332,7 +332,7 @@ impl ColumnsExperiment {
 
 impl Experiment for ColumnsExperiment {
     fn kind(&self) -> &'static str {
-        self.sort.kind
+        self.sort.kind.name()
     }
 
     fn layout(&self) -> &Layout {

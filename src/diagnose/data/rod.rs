@@ -16,7 +16,7 @@ use crate::diagnose::experiment::{
     Active, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Untestable,
 };
 use crate::error::Result;
-use crate::machine::Machine;
+use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use layout::layout;
 use read::Captures;
@@ -232,7 +232,7 @@ impl RodExperiment {
 
 impl Experiment for RodExperiment {
     fn kind(&self) -> &'static str {
-        "rod"
+        DataKind::Rod.name()
     }
 
     fn layout(&self) -> &Layout {

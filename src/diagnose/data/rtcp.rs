@@ -12,7 +12,7 @@ use crate::diagnose::experiment::{
 };
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
-use crate::machine::Machine;
+use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use crate::units;
 
@@ -233,7 +233,7 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
 
 impl Experiment for RtcpExperiment {
     fn kind(&self) -> &'static str {
-        "rtcp"
+        DataKind::Rtcp.name()
     }
 
     fn layout(&self) -> &Layout {
