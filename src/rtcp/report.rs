@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::Serialize;
 
 use super::solve::Solved;
-use super::{InControl, Session, deviation};
+use super::{InControl, Limit, Session, deviation};
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::uncertainty::{Contribution, Measured, Verdict};
@@ -67,23 +67,6 @@ pub struct Solution {
     pub change: Option<Change>,
     /// What contributes how much to the uncertainty.
     pub budget: Vec<Contribution>,
-}
-
-/// A limit of the method.
-#[derive(Debug, Clone, Serialize, JsonSchema)]
-pub struct Limit {
-    /// The step: S1 to S4.
-    pub step: &'static str,
-    /// What has to stay within it.
-    pub what: &'static str,
-    /// What was measured.
-    pub value_mm: f64,
-    /// Half-width of its 95 % interval.
-    pub u95_mm: f64,
-    /// What the method allows.
-    pub limit_mm: f64,
-    /// Whether it is kept.
-    pub verdict: Verdict,
 }
 
 /// The third touch.
@@ -148,15 +131,6 @@ impl Solution {
             value: solved.r_mm.value + session.standoff_mm.value,
             u: solved.r_mm.u.hypot(session.standoff_mm.u),
         };
-        let limit = |l: &super::Limit| Limit {
-            step: l.step,
-            what: l.what,
-            value_mm: l.value_mm.value,
-            u95_mm: l.value_mm.u95(),
-            limit_mm: l.limit_mm,
-            verdict: l.verdict,
-        };
-        let limits: Vec<Limit> = session.limits.iter().map(limit).collect();
         let mut now = session.control.clone();
         if let Some(now) = now.as_mut().filter(|now| !now.from_file) {
             solved.turn(&mut now.machine);
@@ -171,7 +145,7 @@ impl Solution {
             verdict: c.verdict,
         });
         let touched = check_touch.as_ref().map(|c| c.verdict);
-        let verdicts = limits.iter().map(|l| l.verdict).chain(touched);
+        let verdicts = session.limits.iter().map(|l| l.verdict).chain(touched);
         Ok(Self {
             xb_mm: solved.xb_mm.value,
             xb_u95_mm: solved.xb_mm.u95(),
@@ -193,7 +167,7 @@ impl Solution {
             i4_mm,
             b_sense: solved.b_sense,
             verdict: Verdict::worst(verdicts),
-            limits,
+            limits: session.limits.clone(),
             check_touch,
             change: now.map(|now| Change::of(&now, machine)).transpose()?,
             budget: solved.budget.clone(),

@@ -3,6 +3,9 @@
 
 use std::path::{Path, PathBuf};
 
+use schemars::JsonSchema;
+use serde::Serialize;
+
 use crate::error::Result;
 use crate::machine::Machine;
 use crate::rtcp::session_file::File;
@@ -11,16 +14,18 @@ use crate::rtcp::solve::Readings;
 use crate::tomlfile;
 use crate::uncertainty::{Measured, Verdict};
 
-/// A limit of the method, and whether it is kept.
-#[derive(Debug, Clone, PartialEq)]
+/// A limit of the method.
+#[derive(Debug, Clone, PartialEq, Serialize, JsonSchema)]
 pub struct Limit {
-    /// The step of the method: S1 to S4.
+    /// The step: S1 to S4.
     pub step: &'static str,
-    /// What is limited.
+    /// What has to stay within it.
     pub what: &'static str,
-    /// What was found.
-    pub value_mm: Measured,
-    /// The most allowed.
+    /// What was measured.
+    pub value_mm: f64,
+    /// Half-width of its 95 % interval.
+    pub u95_mm: f64,
+    /// What the method allows.
     pub limit_mm: f64,
     /// Whether it is kept.
     pub verdict: Verdict,
@@ -30,11 +35,12 @@ impl Limit {
     pub(super) fn new(
         step: &'static str,
         what: &'static str,
-        value_mm: Measured,
+        measured: Measured,
         limit_mm: f64,
     ) -> Self {
-        let verdict = Verdict::of(value_mm.value.abs(), value_mm.u95(), limit_mm);
-        Self { step, what, value_mm, limit_mm, verdict }
+        let (value_mm, u95_mm) = (measured.value, measured.u95());
+        let verdict = Verdict::of(value_mm.abs(), u95_mm, limit_mm);
+        Self { step, what, value_mm, u95_mm, limit_mm, verdict }
     }
 }
 
