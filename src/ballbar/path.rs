@@ -91,7 +91,7 @@ impl Pose {
     }
 
     /// How far the tool ball goes to another pose.
-    pub fn apart_mm(&self, other: &Self, setup: &Setup) -> f64 {
+    fn apart_mm(&self, other: &Self, setup: &Setup) -> f64 {
         let (a, b) = (self.tool_mm(setup), other.tool_mm(setup));
         (b[0] - a[0]).hypot(b[1] - a[1])
     }
@@ -211,6 +211,11 @@ impl Path {
     }
 }
 
+/// How far the tool ball goes from one pose of a plan to the next.
+pub fn step_mm(setup: &Setup, poses: &[Pose]) -> f64 {
+    poses.windows(2).next().map_or(0.0, |p| p[0].apart_mm(&p[1], setup))
+}
+
 /// By how much the bar's length may change between two blocks, where the axes go straight.
 const CHORD_MM: f64 = 0.0005;
 
@@ -258,7 +263,7 @@ pub fn gcode(
     zero_mm: [f64; 2],
 ) -> String {
     let driven = path.driven(setup, poses);
-    let step_mm = poses.windows(2).next().map_or(0.0, |p| p[0].apart_mm(&p[1], setup));
+    let step_mm = step_mm(setup, poses);
     let mut out = format!(
         "(ball bar path {}: {} points, {step_mm:.4} mm apart at {feed_mm_min} mm/min)\nG90 G94\n",
         path.name(),

@@ -158,7 +158,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 fn plan(args: &PlanArgs, global: &Global) -> Result<Outcome> {
     let (path, setup) = (Path::parse(&args.path)?, args.setup.setup());
     let poses = path.plan(&setup, args.range.range())?;
-    let step_mm = poses[0].apart_mm(&poses[1], &setup);
+    let step_mm = path::step_mm(&setup, &poses);
     above_zero("--feed-mm-min", args.feed_mm_min, "give a speed")?;
     let zero = [args.x_zero_mm, args.z_zero_mm];
     if !zero.iter().all(|v| v.abs() < 1e6) {
