@@ -11,9 +11,7 @@ use crate::draw;
 use crate::error::{Error, Result, above_zero};
 use crate::frame::{Channel, Picture};
 use crate::measure::cross::{self, Opinion};
-use crate::measure::rod::{
-    self, Capture, Measured, Options, Report, RimPoint, points_csv, read_captures, read_points,
-};
+use crate::measure::rod::{self, Capture, Measured, Options, Report, RodTable, points_csv};
 use crate::output::{Document, create_folder, write_whole};
 use crate::uncertainty::text;
 use crate::units;
@@ -78,9 +76,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         c_sense: args.c_sense,
         channel: args.channel,
     };
-    let mut doubts = Vec::new();
-    if let Some(points) = read_points(&args.captures, &mut doubts)? {
-        return aimed(args, (&points, doubts), &options, global);
+    let given = RodTable::read(&args.captures)?;
+    if given.has_points() {
+        return aimed(args, &given, &options, global);
     }
     if args.aim_u_mm.is_some() {
         let fix = "leave it out: pictures tell how surely their edges are seen";
@@ -95,7 +93,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     })?;
     let (calibration, identity) = Calibration::identified(calib)?;
     let mut warnings = Vec::new();
-    let captures = read_captures(&args.captures, &mut warnings)?;
+    let captures = given.captures(&mut warnings)?;
     global.reads(&args.captures, captures.iter().map(|c| &c.path))?;
     if let Some(folder) = &args.overlay {
         global.makes("--overlay", folder, overlay_names(captures.iter().map(|c| &c.path)))?;
@@ -130,12 +128,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
 }
 
 /// The rod from points of its rim that were aimed at by hand.
-fn aimed(
-    args: &Args,
-    (points, warnings): (&[RimPoint], Vec<String>),
-    options: &Options,
-    global: &Global,
-) -> Result<Outcome> {
+fn aimed(args: &Args, given: &RodTable, options: &Options, global: &Global) -> Result<Outcome> {
+    let mut warnings = Vec::new();
+    let points = given.points(&mut warnings)?;
     for (option, given) in [
         ("--points", args.points.is_some()),
         ("--overlay", args.overlay.is_some()),
@@ -152,7 +147,7 @@ fn aimed(
     }
     let calibration = args.calib.as_ref().map(Calibration::identified).transpose()?;
     let laser = calibration.as_ref().and_then(|(c, _)| c.laser.as_ref());
-    let mut report = rod::measure_points(points, args.aim_u_mm, laser, options)
+    let mut report = rod::measure_points(&points, args.aim_u_mm, laser, options)
         .map_err(|e| e.in_file(&args.captures, None))?;
     report.warnings.splice(..0, warnings);
     report.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));

@@ -1,7 +1,5 @@
 //! The rod's rim from points that were aimed at by hand: crosshair or probe on the rim, the machine's X and Y read off, no pictures.
 
-use std::path::Path;
-
 use nalgebra::{DMatrix, DVector, Vector2};
 
 use super::axis::{IN_PLACE, Known};
@@ -31,24 +29,18 @@ pub struct RimPoint {
     pub c_deg: f64,
 }
 
-/// Reads `x_mm,y_mm`, optionally `c_deg`; `None` where there are other columns, as of captures. Rows that stand twice count once, with a warning.
-pub fn read_points(
-    path: impl AsRef<Path>,
-    warnings: &mut Vec<String>,
-) -> Result<Option<Vec<RimPoint>>> {
-    let path = path.as_ref();
-    let is_points = |name: &String| name.starts_with("x_") || name == "y_mm" || name == "c_deg";
-    if !Table::read(path, &["x_mm", "y_mm"], &["*"])?.names().iter().all(is_points) {
-        return Ok(None);
-    }
-    let mut table = Table::read(path, &["x_mm", "y_mm"], &["c_deg"])?;
+/// The columns of a table of points: required, optional.
+pub(super) const COLUMNS: (&[&str], &[&str]) = (&["x_mm", "y_mm"], &["c_deg"]);
+
+/// The points of a table. Rows that stand twice count once, with a warning.
+pub(super) fn from_table(mut table: Table, warnings: &mut Vec<String>) -> Result<Vec<RimPoint>> {
     let rows = repeats::rows_once(&table, warnings);
     table.keep(&rows);
     let (x, y) = (table.column("x_mm")?, table.column("y_mm")?);
     let c = table.optional_column("c_deg")?.unwrap_or_else(|| vec![0.0; x.len()]);
     warnings.extend(units::angles("c_deg", &c));
     let point = |i: usize| RimPoint { position_mm: Vector2::new(x[i], y[i]), c_deg: c[i] };
-    Ok(Some((0..x.len()).map(point).collect()))
+    Ok((0..x.len()).map(point).collect())
 }
 
 /// The rod from at least three points of its rim at each table angle; `aim_u_mm` is the standard uncertainty of one.

@@ -44,15 +44,19 @@ impl Capture {
     }
 }
 
+/// The columns of a table of captures: required, optional.
+pub(super) const COLUMNS: (&[&str], &[&str]) =
+    (&["image", "x_mm", "y_mm"], &["z_mm", "b_deg", "c_deg", "t_s", "temp_c", "dir_x", "dir_y"]);
+
 /// Reads `CAPTURES.csv`: `image,x_mm,y_mm`, optionally `z_mm,b_deg,c_deg,t_s,temp_c,dir_x,dir_y`.
 /// A picture that stands twice is left out once, with a warning.
 pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Capture>> {
-    let path = path.as_ref();
-    let table = Table::read(
-        path,
-        &["image", "x_mm", "y_mm"],
-        &["z_mm", "b_deg", "c_deg", "t_s", "temp_c", "dir_x", "dir_y"],
-    )?;
+    from_table(&Table::read(path, COLUMNS.0, COLUMNS.1)?, warnings)
+}
+
+/// As [`read`], of a table that is read already.
+pub(super) fn from_table(table: &Table, warnings: &mut Vec<String>) -> Result<Vec<Capture>> {
+    let path = table.path();
     let optional = |row: usize, name: &str| -> Result<Option<f64>> {
         if table.has(name) { table.number(row, name).map(Some) } else { Ok(None) }
     };
@@ -81,7 +85,7 @@ pub fn read(path: impl AsRef<Path>, warnings: &mut Vec<String>) -> Result<Vec<Ca
         table.check_directions(name, &column, warnings)?;
     }
     warnings.extend(units::angles("c_deg", &table.optional_column("c_deg")?.unwrap_or_default()));
-    repeats::pictures_once(&table, warnings)?
+    repeats::pictures_once(table, warnings)?
         .into_iter()
         .map(|(row, path)| {
             let position_mm = Vector2::new(table.number(row, "x_mm")?, table.number(row, "y_mm")?);

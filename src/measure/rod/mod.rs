@@ -17,12 +17,14 @@ mod report;
 mod seek;
 mod sight;
 mod slip;
+mod table;
 mod turned;
 
-pub use aimed::{RimPoint, measure_points, read_points};
+pub use aimed::{RimPoint, measure_points};
 pub use captures::{Capture, read as read_captures};
 pub use points::points_csv;
 pub use report::{CaptureReport, Options, Report, RodCenter};
+pub use table::RodTable;
 
 use nalgebra::Vector2;
 
