@@ -3,6 +3,7 @@
 
 pub mod export;
 pub mod plan;
+pub mod poses;
 pub mod report;
 mod results;
 mod session;
