@@ -10,9 +10,11 @@ use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result, rows};
 use crate::diagnose::catalogue;
 use crate::error::Result;
-use crate::machine::{Machine, entered};
+use crate::machine::Machine;
 use crate::output::Document;
-use crate::rtcp::export::{Confidence, Control, Export, Parameter, differences, export};
+use crate::rtcp::export::{
+    Change, Changes, Confidence, Control, Line, Parameter, Report, changes, entered_export, export,
+};
 
 /// Writes the machine's numbers the way a control wants them
 #[derive(Debug, clap::Args)]
@@ -55,51 +57,13 @@ pub struct File {
     text: String,
 }
 
-/// A value that changes.
-#[derive(Serialize, JsonSchema)]
-pub struct Change {
-    /// As the control names it.
-    name: String,
-    /// `mm`, or empty for a code.
-    unit: &'static str,
-    old: f64,
-    new: f64,
-    change: f64,
-    meaning: String,
-    confidence: Confidence,
-}
-
-/// A line that changes in one of the files.
-#[derive(Serialize, JsonSchema)]
-pub struct Line {
-    file: String,
-    line: String,
-}
-
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let machine = Machine::read(&args.machine)?;
     catalogue::check(&machine).map_err(|e| e.in_file(&args.machine, None))?;
-    let (machine, folded) = entered(&machine);
-    let made = export(&machine, args.control)?;
-    let unconfirmed =
-        made.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();
-    let mut warnings = machine.doubts();
-    warnings.extend(folded.iter().map(|e| {
-        format!(
-            "{} is {:.4} here, {:.4} in the machine file: its effect {} is entered",
-            e.key, e.new_mm, e.now_mm, e.effect
-        )
-    }));
-    warnings.extend(machine.effects_left_out());
+    let Report { machine, export: made, warnings } = entered_export(&machine, args.control)?;
     if let Some(path) = &args.write_machine {
         global.write(path, machine.to_toml().as_bytes())?;
-    }
-    if unconfirmed > 0 {
-        warnings.push(format!(
-            "{unconfirmed} of {} values are marked NOT CONFIRMED: check them against the control's manual",
-            made.parameters.len()
-        ));
     }
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
     if let Some(dir) = &args.dir {
@@ -113,20 +77,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     // Writing to a String cannot fail.
     let (output, rows) = if let Some(old) = &args.diff {
         let before = export(&Machine::read(old)?, args.control)?;
-        let changes = differences(&before, &made);
-        let lines = other_lines(&before, &made, &changes);
-        let changes: Vec<Change> = changes
-            .into_iter()
-            .map(|(p, old, new)| Change {
-                name: p.name,
-                unit: p.unit,
-                old,
-                new,
-                change: new - old,
-                meaning: p.meaning,
-                confidence: p.confidence,
-            })
-            .collect();
+        let Changes { values: changes, lines } = changes(&before, &made);
         if changes.is_empty() && lines.is_empty() {
             table += "nothing changes\n";
         }
@@ -162,44 +113,4 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     };
     let json = result("export", &args.machine, &warnings, &output);
     Ok(Outcome::good(Document { json, rows, table }))
-}
-
-/// Lines of the new files that are no line of the old ones with the changed values put in: a stand-off or a sense that only a remark
-/// tells.
-fn other_lines(old: &Export, new: &Export, changes: &[(Parameter, f64, f64)]) -> Vec<Line> {
-    let of_value = |p: &Parameter, value: f64| Parameter { value, ..p.clone() }.text();
-    let texts: Vec<(String, String)> =
-        changes.iter().map(|(p, old, new)| (of_value(p, *old), of_value(p, *new))).collect();
-    let explained = |before: &str, now: &str| {
-        let (before, now) = (numbers_apart(before), numbers_apart(now));
-        before.len() == now.len()
-            && before.iter().zip(&now).all(|(b, n)| {
-                b == n || texts.iter().any(|(old, new)| (old.as_str(), new.as_str()) == (*b, *n))
-            })
-    };
-    let mut lines = Vec::new();
-    for (name, text) in &new.files {
-        let before = old.files.iter().find(|(n, _)| n == name).map_or("", |(_, text)| text);
-        let is_new = |line: &&str| !before.lines().any(|b| explained(b, line));
-        lines.extend(
-            text.lines()
-                .filter(is_new)
-                .map(|line| Line { file: name.clone(), line: line.trim().to_owned() }),
-        );
-    }
-    lines
-}
-
-/// A line cut into its numbers and what is between them.
-fn numbers_apart(line: &str) -> Vec<&str> {
-    let of_number = |c: char| c.is_ascii_digit() || c == '.' || c == '-';
-    let mut rest = line;
-    std::iter::from_fn(|| {
-        let first = of_number(rest.chars().next()?);
-        let end = rest.find(|c| of_number(c) != first).unwrap_or(rest.len());
-        let (part, left) = rest.split_at(end);
-        rest = left;
-        Some(part)
-    })
-    .collect()
 }

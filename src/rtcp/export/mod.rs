@@ -4,14 +4,17 @@
 //! One file per control. A value whose meaning is not confirmed from the maker's own text is
 //! written with a comment that says so.
 
+mod changes;
 mod fanuc;
 mod heidenhain;
 mod linuxcnc;
 mod plain;
 mod siemens;
 
+pub use changes::{Change, Changes, Line, changes};
+
 use crate::error::{Error, Result};
-use crate::machine::{Kinematics, Machine};
+use crate::machine::{Kinematics, Machine, entered};
 
 /// The controls there is an export for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -114,17 +117,41 @@ pub fn export(machine: &Machine, control: Control) -> Result<Export> {
     })
 }
 
-/// One parameter that differs between two machines: name, old value, new value.
-pub type Difference = (Parameter, f64, f64);
+/// A machine file's numbers for a control, and what is to be said of them.
+#[derive(Debug, Clone)]
+pub struct Report {
+    /// The machine with the numbers its effects correct entered.
+    pub machine: Machine,
+    /// Its numbers for the control.
+    pub export: Export,
+    /// What was entered, what is left out, what is not confirmed.
+    pub warnings: Vec<String>,
+}
 
-/// The parameters that change when `new` replaces `old`, by more than the export's last decimal.
-pub fn differences(old: &Export, new: &Export) -> Vec<Difference> {
-    let of_old = |name: &str| old.parameters.iter().find(|p| p.name == name);
-    new.parameters
-        .iter()
-        .filter_map(|p| of_old(&p.name).map(|o| (p.clone(), o.value, p.value)))
-        .filter(|(_, o, n)| (o - n).abs() >= 0.5e-4)
-        .collect()
+/// As [`export()`], with what the machine file's effects correct entered first.
+///
+/// # Errors
+/// As [`export()`].
+pub fn entered_export(machine: &Machine, control: Control) -> Result<Report> {
+    let (machine, folded) = entered(machine);
+    let export = export(&machine, control)?;
+    let mut warnings = machine.doubts();
+    warnings.extend(folded.iter().map(|e| {
+        format!(
+            "{} is {:.4} here, {:.4} in the machine file: its effect {} is entered",
+            e.key, e.new_mm, e.now_mm, e.effect
+        )
+    }));
+    warnings.extend(machine.effects_left_out());
+    let all = export.parameters.len();
+    let unconfirmed =
+        export.parameters.iter().filter(|p| p.confidence == Confidence::Unconfirmed).count();
+    if unconfirmed > 0 {
+        warnings.push(format!(
+            "{unconfirmed} of {all} values are marked NOT CONFIRMED: check them against the control's manual"
+        ));
+    }
+    Ok(Report { machine, export, warnings })
 }
 
 /// The lines every file begins with, without the comment sign.
