@@ -1,6 +1,7 @@
 //! Rotated tool centre point: what the control computes, what the machine really does, and the
 //! difference.
 
+pub mod doubts;
 pub mod export;
 pub mod plan;
 pub mod poses;
@@ -10,6 +11,7 @@ mod session;
 mod session_file;
 mod session_reader;
 pub mod solve;
+pub mod solved_file;
 pub mod sweep;
 pub mod verify;
 
