@@ -1,6 +1,7 @@
 //! Rotated tool centre point: what the control computes, what the machine really does, and the
 //! difference.
 
+pub mod compare;
 pub mod doubts;
 pub mod export;
 pub mod plan;

@@ -5,9 +5,10 @@
 //! second pose is repeated at once, which shows the noise.
 
 use std::fmt::Write;
+use std::path::Path;
 
 use crate::error::{Error, Result};
-use crate::machine::{AxisName, Chain, Side};
+use crate::machine::{AxisName, Chain, Machine, Side};
 use crate::rtcp::export::Control;
 
 /// How far before a pose its approach begins, so that its direction is sure.
@@ -112,6 +113,40 @@ impl Plan {
         }
         text + end
     }
+}
+
+/// A sweep to measure, ready to be written.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Suggested {
+    /// How many poses, those that are repeated included.
+    pub poses: usize,
+    /// How many of them are repeats.
+    pub repeats: usize,
+    /// Names and contents: the poses as a table, and the program that drives through them.
+    pub files: [(&'static str, String); 2],
+}
+
+/// The sweep of `count` different poses about the target of a machine whose file is `path`.
+///
+/// # Errors
+/// A machine without a target, a count that is no sweep's, and as [`Plan::new`].
+pub fn suggest(
+    machine: &Machine,
+    path: &Path,
+    count: usize,
+    control: Control,
+) -> Result<Suggested> {
+    let Some(target) = machine.target else {
+        let fix =
+            "say where the target stands: [target] position_mm = [x, y, z] in the table frame";
+        return Err(Error::field(path, None, "target", "is missing", fix));
+    };
+    if !(4..=10_000).contains(&count) {
+        return Err(Error::option("--poses", format!("is {count}"), "give 4 to 10000"));
+    }
+    let plan = Plan::new(&machine.chain()?, count)?;
+    let files = [("poses.csv", plan.csv()), ("sweep.nc", plan.gcode(target.position_mm, control))];
+    Ok(Suggested { poses: plan.poses.len(), repeats: plan.poses.len() - count, files })
 }
 
 /// What of its range an axis can be sent to with a run-up to either side; one that counts from elsewhere is shown as much
