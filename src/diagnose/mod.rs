@@ -33,5 +33,6 @@ pub mod run;
 pub mod score;
 pub mod select;
 pub mod shape;
+pub mod simulate;
 mod sizes;
 mod unnamed;
