@@ -12,12 +12,13 @@ use serde_json::Value;
 use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
-use super::history::{self, Taken};
+use super::history;
 use super::{Global, Outcome, Status, result, seconds};
 use crate::batch::{self, Job, Meanwhile, Options, Progress, Rows, Summary, Watch, input};
 use crate::camera::{Calibration, Identity};
 use crate::error::{Error, Result};
 use crate::output::{Document, write_whole};
+use crate::store::keep::{self, Taken};
 
 /// Measure many pictures into the folder given by --out; resumes after any interruption
 #[derive(Debug, clap::Args)]
@@ -163,9 +164,9 @@ fn keep(
         items.into_iter().flatten().map(|item| (item.name, item.path)).collect();
     let taken = |image: &str| {
         let file = files.get(image).map_or(Path::new(image), PathBuf::as_path);
-        history::time(global.taken, file)
+        keep::time(global.taken, file)
     };
-    let kept = history::keep_batch(path, command, out, &calib, taken, rows);
+    let kept = keep::batch(path, command, out, &calib, taken, rows);
     history::told(global, kept);
 }
 

@@ -39,6 +39,7 @@ use crate::clock;
 use crate::error::{Error, Result};
 use crate::output::{Document, Format};
 use crate::store::Store;
+use crate::store::keep::Taken;
 use outfiles::{Files, OutFile};
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
@@ -72,7 +73,7 @@ pub struct Global {
     /// When what is measured was captured, for the records: a time (2026-11-24 or 2026-11-24T10:30:00Z, UTC), or `file`, when each picture's file was last
     /// changed; the run's own time where left out
     #[arg(long, value_name = "TIME", global = true, requires = "records")]
-    pub taken: Option<history::Taken>,
+    pub taken: Option<Taken>,
     /// Say on standard error how the command was understood, defaults included, how it ended and how long it took
     #[arg(long, short, action = clap::ArgAction::Count, global = true)]
     pub verbose: u8,

@@ -178,6 +178,21 @@ impl Series {
     }
 }
 
+/// The followed values of one record, each with its name, interval and unit.
+pub fn values(record: &Record) -> Vec<String> {
+    let Some(result) = record.result.as_object() else { return Vec::new() };
+    series(std::slice::from_ref(record))
+        .iter()
+        .filter_map(|s| {
+            let value = number(result, &s.key)?;
+            let u95 = u95_key(&s.key).and_then(|k| number(result, &k));
+            let u95 = u95.map_or(String::new(), |u95| format!(" ± {u95:.4}"));
+            let (name, unit) = s.label.split_once(", ").unwrap_or((&s.label, ""));
+            Some(format!("{name} {value:.4}{u95} {unit}"))
+        })
+        .collect()
+}
+
 /// All series as one figure.
 pub fn figure(series: &[Series]) -> Figure {
     series.iter().fold(Figure::new("History").columns(2), |figure, s| figure.panel(s.panel()))

@@ -4,6 +4,10 @@
 //! brought up to date when they are opened; files of newer versions are refused.
 
 pub mod drift;
+pub mod keep;
+mod select;
+
+pub use select::{Filter, Selected, select};
 
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -61,23 +65,6 @@ pub struct Record {
     pub batch: Option<String>,
     /// The whole result.
     pub result: Value,
-}
-
-/// Which records to read; empty reads all.
-#[derive(Debug, Clone, Default)]
-pub struct Filter {
-    /// Only of this command.
-    pub command: Option<String>,
-    /// Only inputs that contain this text.
-    pub input: Option<String>,
-    /// Only with this verdict.
-    pub verdict: Option<String>,
-    /// Not before this time (a date will do).
-    pub since: Option<String>,
-    /// Before this time.
-    pub until: Option<String>,
-    /// Only the newest so many.
-    pub last: Option<usize>,
 }
 
 /// An open records file.
