@@ -5,6 +5,7 @@ pub(crate) mod advice;
 mod charts;
 pub(crate) mod html;
 mod numbers;
+mod source;
 
 use std::path::{Path, PathBuf};
 
@@ -13,6 +14,8 @@ use serde_json::Value;
 use crate::clock;
 use crate::error::{Error, Result};
 use crate::output::escape;
+pub use source::Source;
+
 use html::{embed, table};
 use numbers::Characteristic;
 
