@@ -7,12 +7,12 @@ use clap::Args as ClapArgs;
 
 use crate::cli::outfiles::OutFile;
 use crate::cli::{Global, Outcome, result};
+use crate::diagnose::files::{Diagnosed, Options, diagnose, plan};
 use crate::diagnose::load::Source;
+use crate::diagnose::page;
 use crate::diagnose::report::{Detectable, Report};
-use crate::diagnose::run::{Options, diagnose};
-use crate::diagnose::{model, own, page, plan};
 use crate::error::{Error, Result};
-use crate::machine::{DataKind, Entered, Machine, entered, is_entered, is_told};
+use crate::machine::DataKind;
 use crate::output::Document;
 
 /// Find where simulation and measurement part, and name what is missing
@@ -88,10 +88,6 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     // Told at once: they may be why the rest fails.
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
     let told = warnings.len();
-    let of_data = |error| match error {
-        Error::Measure { .. } => Error::in_file(error, &args.data, None),
-        of_an_option => of_an_option,
-    };
     let input = args.data.display().to_string();
     if args.plan_only {
         let noise_mm = args.noise_mm.ok_or_else(|| {
@@ -101,42 +97,18 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
                 "give the standard deviation of one value in mm",
             )
         })?;
-        let list = plan::detectable(experiment.as_ref(), noise_mm).map_err(of_data)?;
+        let list = plan(&source, experiment.as_ref(), noise_mm)?;
         let table = plan_table(&list);
         let planned = Planned { kind: experiment.kind().into(), noise_mm, detectable: list };
         let json = result("diagnose", input, &warnings, &planned);
         return Ok(Outcome::good(Document::single(json, table)));
     }
-    let diagnosis =
-        diagnose(experiment.as_ref(), &Options { noise_mm: args.noise_mm }).map_err(of_data)?;
-    let mut report = diagnosis.report;
-    warnings.extend(report.doubts.iter().cloned());
-    for (name, why) in &report.untested {
-        warnings.push(format!("{name} could not be tested: {why}"));
-    }
-    let with_effects = || -> Result<Machine> {
-        let own = args.effects.as_ref().map(|path| own::read(path, experiment.kind()));
-        let own = own.transpose()?.unwrap_or_default();
-        Ok(model::with_effects(&source.machine()?, &report, &own))
-    };
-    let wanted = args.model.is_some() && !report.effects.is_empty() || args.write_model.is_some();
-    let machine = wanted.then(with_effects).transpose()?;
-    if let (Some(machine), Some(_)) = (&machine, &args.model) {
-        let named = |e: &Entered| report.effects.iter().any(|n| n.name == e.effect);
-        report.in_the_control = entered(machine).1.into_iter().filter(named).collect();
-        let found = |name: &str| report.effects.iter().any(|n| n.name == name);
-        let untold =
-            machine.effects.iter().filter(|e| found(&e.name) && is_entered(e) && !is_told(e));
-        warnings.extend(untold.map(|e| {
-            format!(
-                "{} is less than its own uncertainty: nothing to enter into the control yet; more readings tell its size",
-                e.name
-            )
-        }));
-    }
-    if let (Some(machine), Some(path)) = (&machine, &args.write_model) {
-        global.write(path, machine.to_toml().as_bytes())?;
-        warnings.extend(model::left_out(&report));
+    let options = Options { noise_mm: args.noise_mm, with_model: args.write_model.is_some() };
+    let Diagnosed { report, model, warnings: found } =
+        diagnose(&source, experiment.as_ref(), options)?;
+    warnings.extend(found);
+    if let (Some(model), Some(path)) = (&model, &args.write_model) {
+        global.write(path, model.to_toml().as_bytes())?;
     }
     if let Some(path) = &args.write_next {
         match &report.next_measurement {

@@ -11,6 +11,7 @@ pub(crate) mod doubts;
 pub mod effects;
 mod exchange;
 pub mod experiment;
+pub mod files;
 pub mod fit;
 mod formula;
 pub mod generic;
