@@ -3,11 +3,12 @@
 use schemars::{Schema, SchemaGenerator, generate::SchemaSettings};
 use serde_json::{Map, Value, json};
 
+use super::Outcome;
 use super::pictures::Pictures;
-use super::{Outcome, render};
 use crate::error::{Error, Result};
 use crate::measure::{burn, circles};
 use crate::output::Document;
+use crate::render::series;
 use crate::{align, ballbar, calib, demo, rotary, rtcp, thermal};
 
 /// Print the JSON Schema of a command's output
@@ -44,8 +45,8 @@ const SCHEMAS: &[(&str, Make)] = &[
     ("history", |g| g.root_schema_for::<super::history::Output>()),
     ("machine", |g| g.root_schema_for::<super::machine::Output>()),
     ("regress", |g| g.root_schema_for::<super::regress::Output>()),
-    ("render-burn", |g| g.root_schema_for::<render::Output<render::Burn>>()),
-    ("render-rod", |g| g.root_schema_for::<render::Output<render::Rod>>()),
+    ("render-burn", |g| g.root_schema_for::<super::render::Output<series::Burn>>()),
+    ("render-rod", |g| g.root_schema_for::<super::render::Output<series::Rod>>()),
     ("report", |g| g.root_schema_for::<super::report::Output>()),
     ("rod", |g| g.root_schema_for::<super::rod::Output>()),
     ("rotary", |g| g.root_schema_for::<rotary::Report>()),

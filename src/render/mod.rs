@@ -18,6 +18,7 @@ mod plan;
 pub mod rod;
 mod rod_scene;
 mod scene;
+pub mod series;
 mod surface;
 pub mod target;
 
