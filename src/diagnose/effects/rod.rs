@@ -51,21 +51,29 @@ pub(super) const SIZE: f64 = 1e-3;
 pub fn library(data: &Rod) -> L {
     let mut l = L::default();
     rod_camera::effects(&mut l, data);
-    axis_effects(&mut l, data);
-    rod_effects(&mut l, data);
+    scales(&mut l, data);
+    squareness(&mut l, data);
+    backlash(&mut l, data);
+    cycles(&mut l, data);
+    rod_shape(&mut l, data);
+    c_axis(&mut l, data);
     rod_slow::time_effects(&mut l, data);
     l
 }
 
-fn axis_effects(l: &mut L, data: &Rod) {
-    let long = "a longer artefact: the travel over a rod is short";
+/// What would show scale and squareness better.
+const LONGER: &str = "a longer artefact: the travel over a rod is short";
+/// What shows the way the rod turns.
+const IRREGULAR: &str = "seven or more irregular C angles in random order";
+
+fn scales(l: &mut L, data: &Rod) {
     for (axis, (name, meaning)) in
         [("scale-x", "X goes too far (EXX)"), ("scale-y", "Y goes too far (EYY)")]
             .into_iter()
             .enumerate()
     {
         l.effect(
-            words(name, meaning, "the rod's apparent place against the machine's", long),
+            words(name, meaning, "the rod's apparent place against the machine's", LONGER),
             data.needs(&[["x_mm", "y_mm"][axis]]),
         );
         l.form(vec![Parameter::linear("um_per_m", 20.0)], move |data, p, errors| {
@@ -74,8 +82,11 @@ fn axis_effects(l: &mut L, data: &Rod) {
             }
         });
     }
+}
+
+fn squareness(l: &mut L, data: &Rod) {
     l.effect(
-        words("squareness-xy", "Y is not square to X (C0Y)", "x against the machine's Y", long),
+        words("squareness-xy", "Y is not square to X (C0Y)", "x against the machine's Y", LONGER),
         data.needs(&["y_mm"]),
     );
     l.form(vec![Parameter::linear("um_per_m", 20.0)], |data, p, errors| {
@@ -89,7 +100,9 @@ fn axis_effects(l: &mut L, data: &Rod) {
             e.place.y -= p[0] * 1e-6 * from_rod.x;
         }
     });
-    let both = "each place approached from both sides";
+}
+
+fn backlash(l: &mut L, data: &Rod) {
     for (axis, (name, column, meaning)) in [
         ("backlash-x", "dir_x", "X lags behind by half this width"),
         ("backlash-y", "dir_y", "Y lags behind by half this width"),
@@ -103,7 +116,7 @@ fn axis_effects(l: &mut L, data: &Rod) {
                 name,
                 meaning,
                 evidence: "the two directions of travel",
-                best: both,
+                best: "each place approached from both sides",
                 varies_with,
             },
             data.needs(&[column]),
@@ -115,6 +128,9 @@ fn axis_effects(l: &mut L, data: &Rod) {
             }
         });
     }
+}
+
+fn cycles(l: &mut L, data: &Rod) {
     for (axis, (name, column)) in
         [("cyclic-x", "x_mm"), ("cyclic-y", "y_mm")].into_iter().enumerate()
     {
@@ -158,17 +174,15 @@ fn axis_effects(l: &mut L, data: &Rod) {
     }
 }
 
-fn rod_effects(l: &mut L, data: &Rod) {
-    let turns = data.needs(&["c_deg"]);
-    let irregular = "seven or more irregular C angles in random order";
+fn rod_shape(l: &mut L, data: &Rod) {
     l.effect(
         words(
             "rod-eccentricity",
             "the rod stands off the C axis",
             "the centre, once a turn of C",
-            irregular,
+            IRREGULAR,
         ),
-        turns.clone(),
+        data.needs(&["c_deg"]),
     );
     l.form(
         vec![Parameter::linear("x_mm", 0.01), Parameter::linear("y_mm", 0.01)],
@@ -184,7 +198,7 @@ fn rod_effects(l: &mut L, data: &Rod) {
         ("rod-three-lobe", 3.0, "the rod has three lobes that turn with C"),
     ] {
         l.effect(
-            words(name, meaning, "the radius round the edge, turning with C", irregular),
+            words(name, meaning, "the radius round the edge, turning with C", IRREGULAR),
             None,
         );
         l.form(
@@ -194,6 +208,9 @@ fn rod_effects(l: &mut L, data: &Rod) {
             },
         );
     }
+}
+
+fn c_axis(l: &mut L, data: &Rod) {
     l.effect(
         Words {
             varies_with: &["c_deg"],
@@ -201,10 +218,10 @@ fn rod_effects(l: &mut L, data: &Rod) {
                 "c-radial-2x",
                 "the C axis moves sideways twice a turn (EXC, EYC)",
                 "the centre, twice a turn of C",
-                irregular,
+                IRREGULAR,
             )
         },
-        turns,
+        data.needs(&["c_deg"]),
     );
     let names = [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]];
     let linear = |names: &[&'static str]| {

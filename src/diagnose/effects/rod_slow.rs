@@ -7,6 +7,13 @@ use crate::diagnose::experiment::Parameter;
 
 /// Drift with time and temperature, and the rod's growth.
 pub fn time_effects(l: &mut L, data: &Rod) {
+    let lags: Vec<f64> = [0.05, 0.12, 0.3, 0.7].iter().map(|f| f * data.duration_s()).collect();
+    drift_time(l, data);
+    drift_temperature(l, data, &lags);
+    rod_growth(l, data, &lags);
+}
+
+fn drift_time(l: &mut L, data: &Rod) {
     l.effect(
         Words {
             varies_with: &["t_s"],
@@ -19,8 +26,7 @@ pub fn time_effects(l: &mut L, data: &Rod) {
         },
         data.needs(&["t_s"]),
     );
-    let span = data.duration_s();
-    let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * span).collect();
+    let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * data.duration_s()).collect();
     for saturating in [false, true] {
         for axes in [&[0, 1][..], &[0], &[1]] {
             let unit = if saturating { "mm" } else { "mm_per_h" };
@@ -40,7 +46,9 @@ pub fn time_effects(l: &mut L, data: &Rod) {
             });
         }
     }
-    let lags: Vec<f64> = [0.05, 0.12, 0.3, 0.7].iter().map(|f| f * span).collect();
+}
+
+fn drift_temperature(l: &mut L, data: &Rod, lags: &[f64]) {
     l.effect(
         Words {
             varies_with: &["temp_c"],
@@ -54,7 +62,7 @@ pub fn time_effects(l: &mut L, data: &Rod) {
         data.needs(&["temp_c"]),
     );
     for lag in [false, true] {
-        if lag && span <= 0.0 {
+        if lag && data.duration_s() <= 0.0 {
             continue;
         }
         for axes in [&[0, 1][..], &[0], &[1]] {
@@ -63,7 +71,7 @@ pub fn time_effects(l: &mut L, data: &Rod) {
                 .map(|a| Parameter::linear(format!("{}_mm_per_c", ["x", "y"][*a]), SIZE))
                 .collect();
             if lag {
-                parameters.push(Parameter::shape("lag_s", &lags));
+                parameters.push(Parameter::shape("lag_s", lags));
             }
             l.form(parameters, move |data, p, errors| {
                 let warm = data.warmth(lag.then(|| p[axes.len()]));
@@ -73,6 +81,9 @@ pub fn time_effects(l: &mut L, data: &Rod) {
             });
         }
     }
+}
+
+fn rod_growth(l: &mut L, data: &Rod, lags: &[f64]) {
     l.effect(
         Words {
             varies_with: &["temp_c"],
@@ -86,12 +97,12 @@ pub fn time_effects(l: &mut L, data: &Rod) {
         data.needs(&["temp_c"]),
     );
     for lag in [false, true] {
-        if lag && span <= 0.0 {
+        if lag && data.duration_s() <= 0.0 {
             continue;
         }
         let mut parameters = vec![Parameter::linear("radius_mm_per_c", 1e-4)];
         if lag {
-            parameters.push(Parameter::shape("lag_s", &lags));
+            parameters.push(Parameter::shape("lag_s", lags));
         }
         l.form(parameters, move |data, p, errors| {
             let warm = data.warmth(lag.then(|| p[1]));

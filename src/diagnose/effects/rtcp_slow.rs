@@ -7,6 +7,11 @@ use crate::diagnose::experiment::Parameter;
 
 /// Growth with temperature and drift with time.
 pub fn time_effects(l: &mut L, data: &Rtcp) {
+    thermal_growth(l, data);
+    drift_time(l, data);
+}
+
+fn thermal_growth(l: &mut L, data: &Rtcp) {
     l.effect(
         Words {
             name: "thermal-growth",
@@ -56,6 +61,9 @@ pub fn time_effects(l: &mut L, data: &Rtcp) {
             }
         }
     }
+}
+
+fn drift_time(l: &mut L, data: &Rtcp) {
     l.effect(
         Words {
             name: "drift-time",
@@ -66,8 +74,7 @@ pub fn time_effects(l: &mut L, data: &Rtcp) {
         },
         data.needs(&["t_s"]),
     );
-    let span = data.duration_s();
-    let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * span).collect();
+    let rises: Vec<f64> = [0.1, 0.2, 0.4, 0.8].iter().map(|f| f * data.duration_s()).collect();
     for saturating in [false, true] {
         for axes in [&[0, 1, 2][..], &[0], &[1], &[2]] {
             let unit = if saturating { "mm" } else { "mm_per_h" };

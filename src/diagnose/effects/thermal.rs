@@ -79,7 +79,9 @@ pub fn library(data: &Columns) -> L {
     let span_s = data.times_s().1 - data.times_s().0;
     let lags: Vec<f64> = [0.01, 0.025, 0.06, 0.12, 0.2, 0.4].map(|f| f * span_s).to_vec();
     head(&mut l, data, &axes, &lags);
-    screw(&mut l, data, &axes);
+    screw_nonlinear(&mut l, data, &axes);
+    position_quadratic(&mut l, data, &axes);
+    heating_hysteresis(&mut l, data, &axes);
     slow(&mut l, data, &axes, &lags);
     dead(&mut l, data, &axes, &lags);
     l
@@ -160,8 +162,7 @@ fn head(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     }
 }
 
-fn screw(l: &mut L, data: &Columns, axes: &[String]) {
-    let measured = data.needs(&["screw_c"]);
+fn screw_nonlinear(l: &mut L, data: &Columns, axes: &[String]) {
     l.effect(
         Words {
             varies_with: &["screw_c", "position_mm"],
@@ -172,7 +173,7 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
                 "the axis over its whole travel at three or more temperatures",
             )
         },
-        measured.clone(),
+        data.needs(&["screw_c"]),
     );
     let curved = |data: &Columns| {
         let squares: Column = above_zero(data).iter().map(|c| c * c).collect();
@@ -181,6 +182,9 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
     form(l, axes, &[one("per_c2", 1e-7)], None, move |data, _| curved(data)[..1].to_vec());
     let both = [one("per_c2", 1e-7), one("zero_mm_per_c2", 1e-5)];
     form(l, axes, &both, None, move |data, _| curved(data));
+}
+
+fn position_quadratic(l: &mut L, data: &Columns, axes: &[String]) {
     l.effect(
         Words {
             varies_with: &["position_mm"],
@@ -211,6 +215,9 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
         let metres = metres(data);
         vec![times(&rises(data), &times(&metres, &metres))]
     });
+}
+
+fn heating_hysteresis(l: &mut L, data: &Columns, axes: &[String]) {
     l.effect(
         Words {
             varies_with: &["screw_c", "position_mm"],
@@ -221,7 +228,7 @@ fn screw(l: &mut L, data: &Columns, axes: &[String]) {
                 CYCLE,
             )
         },
-        measured,
+        data.needs(&["screw_c"]),
     );
     // The way the temperature goes, or (it matters at the turns, where readings are few) the way it came.
     let goes = |data: &Columns| -> Column { heating(data).iter().map(|r| r.signum()).collect() };
