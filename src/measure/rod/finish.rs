@@ -28,39 +28,21 @@ pub(super) fn finish(
     options: &Options,
     c_deg: &[f64],
     angle_of: &[usize],
-    Followed { arcs, robust, shift, bow, view }: &Followed,
+    followed: &Followed,
 ) -> Result<Measured> {
     let angles = c_deg.len();
-    let is_nominal = |radius: f64| options.is_nominal(2.0 * radius);
-    let refined =
-        joint::refine(arcs, angles, robust, (bow, view), is_nominal).ok_or_else(|| {
-            Error::measure(
-                "captures",
-                "the arcs do not determine a circle",
-                "take captures all round the rim",
-            )
-        })?;
+    let Followed { arcs, robust, shift, .. } = followed;
+    let refined = refine(followed, angles, options)?;
     let fit = &refined.fit;
     let mut warnings = Vec::new();
     let blur_mm = mean(arcs, blurred_radius);
     let mut rod = free(fit, robust, shift, blur_mm);
-    let free_centers = centers(&rod, angles);
-    let mut axis = if angles > 1 {
-        let often = |angle| arcs.iter().filter(|arc| arc.angle == angle).count() > 1;
-        let in_place = axis::IN_PLACE[usize::from((0..angles).all(often))];
-        find_axis(&rod, &free_centers, c_deg, options, in_place, &mut warnings)?
-    } else {
-        None
-    };
+    let mut axis = axis_seen(&rod, arcs, c_deg, options, &mut warnings)?;
     if let Some(axis) = &axis {
         rod.take_radius(&axis.known);
     }
     let form = agreement::seen_again(arcs, robust, c_deg, options.c_sense) * wander(&refined, &rod);
-    let lines_mm = turned_mm(arcs);
-    let rim_mm = mean(arcs, |p| joint::RADIUS_PX.hypot(p.located.step.rim_sd_px) * p.pixel_mm)
-        .hypot(lines_mm);
-    // Seen at one table angle, the rod's centre is the axis: with more, lines out of centre turn with the rod.
-    let off_mm = if angles > 1 { 0.0 } else { LINES_OFF_CENTRE * lines_mm };
+    let (rim_mm, off_mm) = unseen(arcs, angles);
     (0..2).for_each(|i| rod.covariance[(i, i)] += off_mm * off_mm);
     let mut all = vec![&mut rod];
     all.extend(axis.as_mut().map(|axis| &mut axis.known));
@@ -68,10 +50,7 @@ pub(super) fn finish(
     let nominal = take_nominal(&mut all, options, &mut warnings);
     let (centers, rod_centers) = (centers(&rod, angles), rod_centers(&rod, c_deg, k95(fit.dof)));
     let (axis_center, axis_u95) = match &axis {
-        Some(axis) => {
-            let u95 = |i| k95(axis.dof_of(i)) * axis.known.covariance[(i, i)].max(0.0).sqrt();
-            (axis.known.pair(0), [0, 1].map(u95))
-        }
+        Some(axis) => axis_place(axis),
         None => {
             warnings.push(ONE_ANGLE.to_owned());
             (centers[0], rod_centers[0].center_u95_mm)
@@ -101,16 +80,14 @@ pub(super) fn finish(
     let seen = captures.iter().zip(angle_of);
     let circles =
         seen.map(|(c, &a)| Circle { center: centers[a] - c.position_mm, radius }).collect();
+    let eccentricity = axis.as_ref().map(eccentricity_of);
     Ok(Measured {
         report: Report {
             rod_centers,
             axis_center_mm: axis_center.into(),
             axis_center_u95_mm: axis_u95,
-            eccentricity_mm: axis.as_ref().map(|a| a.known.pair(2).norm()),
-            eccentricity_u95_mm: axis.as_ref().map(|a| {
-                let dof = a.dof_of(2).min(a.dof_of(3));
-                uncertainty::distance(a.known.pair(2), a.known.pair_covariance(2), dof).1
-            }),
+            eccentricity_mm: eccentricity.map(|e| e.0),
+            eccentricity_u95_mm: eccentricity.map(|e| e.1),
             axis_separated: axis.is_some(),
             diameter_mm: 2.0 * radius,
             diameter_u95_mm,
@@ -123,6 +100,59 @@ pub(super) fn finish(
         points,
         circles,
     })
+}
+
+/// The common circle, with all that is known of the edge points.
+fn refine(followed: &Followed, angles: usize, options: &Options) -> Result<Refined> {
+    let Followed { arcs, robust, bow, view, .. } = followed;
+    let is_nominal = |radius: f64| options.is_nominal(2.0 * radius);
+    joint::refine(arcs, angles, robust, (bow, view), is_nominal).ok_or_else(|| {
+        Error::measure(
+            "captures",
+            "the arcs do not determine a circle",
+            "take captures all round the rim",
+        )
+    })
+}
+
+/// The axis, where there are several table angles.
+fn axis_seen(
+    rod: &Known,
+    arcs: &[Arc],
+    c_deg: &[f64],
+    options: &Options,
+    warnings: &mut Vec<String>,
+) -> Result<Option<Axis>> {
+    let angles = c_deg.len();
+    if angles < 2 {
+        return Ok(None);
+    }
+    let often = |angle| arcs.iter().filter(|arc| arc.angle == angle).count() > 1;
+    let in_place = axis::IN_PLACE[usize::from((0..angles).all(often))];
+    find_axis(rod, &centers(rod, angles), c_deg, options, in_place, warnings)
+}
+
+/// Standard uncertainties that no fit shows: of the rim all round, and of its centre to one side.
+fn unseen(arcs: &[Arc], angles: usize) -> (f64, f64) {
+    let lines_mm = turned_mm(arcs);
+    let rim_mm = mean(arcs, |p| joint::RADIUS_PX.hypot(p.located.step.rim_sd_px) * p.pixel_mm)
+        .hypot(lines_mm);
+    // Seen at one table angle, the rod's centre is the axis: with more, lines out of centre turn with the rod.
+    let off_mm = if angles > 1 { 0.0 } else { LINES_OFF_CENTRE * lines_mm };
+    (rim_mm, off_mm)
+}
+
+/// Where the axis is, with its intervals.
+fn axis_place(axis: &Axis) -> (Vector2<f64>, [f64; 2]) {
+    let u95 = |i| k95(axis.dof_of(i)) * axis.known.covariance[(i, i)].max(0.0).sqrt();
+    (axis.known.pair(0), [0, 1].map(u95))
+}
+
+/// How far the rod stands off the axis, with its interval.
+fn eccentricity_of(axis: &Axis) -> (f64, f64) {
+    let (seen, covariance) = (axis.known.pair(2), axis.known.pair_covariance(2));
+    let dof = axis.dof_of(2).min(axis.dof_of(3));
+    (seen.norm(), uncertainty::distance(seen, covariance, dof).1)
 }
 
 /// Centres and radius as the edge points tell them, every table angle by itself.

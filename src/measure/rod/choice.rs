@@ -1,0 +1,154 @@
+//! Which of the circles that the edges suggest is the rod's rim: the one that is measured well.
+
+use super::attempts::Attempts;
+use super::finish::finish;
+use super::follow::follow;
+use super::outer::Found;
+use super::{Capture, Measured, Options, agreement, slip};
+use crate::camera::View;
+use crate::error::{Error, Result};
+use crate::frame::Frame;
+
+/// Rims that wander by more may be edges of two circles, if those of another wander by less than this part of it.
+const DOUBTFUL_MM: f64 = 0.003;
+const CLEARER: f64 = 0.5;
+/// Captures from which on any one of them may be the wrong one.
+const LEAST_WITHOUT: usize = 5;
+/// Other centres that are tried then.
+const OTHERS: usize = 2;
+
+/// The circles that captures suggest, and what it takes to measure each.
+pub(super) struct Choice<'a> {
+    captures: &'a [Capture],
+    frames: &'a [(Frame, View)],
+    options: &'a Options,
+    c_deg: &'a [f64],
+    angle_of: &'a [usize],
+    attempts: Attempts<'a>,
+}
+
+impl<'a> Choice<'a> {
+    /// Reads the captures' edges; `c_deg` are the different table angles, `angle_of` says which each capture has.
+    pub fn new(
+        captures: &'a [Capture],
+        frames: &'a [(Frame, View)],
+        options: &'a Options,
+        (c_deg, angle_of): (&'a [f64], &'a [usize]),
+    ) -> Self {
+        let attempts = Attempts::new(captures, angle_of, frames, options.diameter_mm);
+        Self { captures, frames, options, c_deg, angle_of, attempts }
+    }
+
+    /// The circle that is measured best, near the nominal diameter where one is told and seen.
+    pub fn best(&self) -> Result<Measured> {
+        let mut best = self.likeliest();
+        if best.is_err() && self.captures.len() >= LEAST_WITHOUT {
+            best = self.without_one().map_or(best, Ok);
+        }
+        match self.options.diameter_mm {
+            Some(nominal_mm) => self.near(nominal_mm, best),
+            None => best,
+        }
+    }
+
+    /// The rim just outside the one that was measured.
+    pub fn just_outside(&self, measured: &Measured) -> Option<Measured> {
+        let found = self.attempts.just_outside(&measured.report)?;
+        self.measure_at(&found).ok().filter(|m| !doubtful(m))
+    }
+
+    /// The likeliest circle; another one where that is doubtful and the other clearly better.
+    fn likeliest(&self) -> Result<Measured> {
+        let likely = self.attempts.likely();
+        let about = |nth: usize| likely.get(nth).and_then(|circle| self.attempts.rim(*circle));
+        let first = about(0).ok_or_else(|| unseen(self.options.diameter_mm));
+        let mut best = first.and_then(|found| self.measure(found));
+        // Edges of two circles taken for one wander about it, or miss it.
+        for other in 0..=OTHERS {
+            if !best.as_ref().map_or(true, doubtful) {
+                break;
+            }
+            let found = if other == 0 { self.attempts.apart() } else { about(other) };
+            let Some(Ok(other)) = found.map(|found| self.measure(found)) else { continue };
+            let clearer = |m: &Measured| other.report.form_rms_mm < CLEARER * m.report.form_rms_mm;
+            // Where the likeliest is refused another must be no such circle itself.
+            if best.as_ref().map_or_else(|_| !doubtful(&other), clearer) {
+                best = Ok(other);
+            }
+        }
+        best
+    }
+
+    /// The circle on which all agree but one capture, which is at a wrong position.
+    fn without_one(&self) -> Option<Measured> {
+        let others = (0..self.captures.len())
+            .filter_map(|i| self.measure(self.attempts.without(i)?).ok())
+            .filter(|m| !doubtful(m));
+        let gone = |m: &Measured| m.report.captures.iter().filter(|c| c.edge_points == 0).count();
+        let apart = |m: &Measured| m.report.form_rms_mm.hypot(m.report.position_scatter_mm);
+        let order =
+            |a: &Measured, b: &Measured| gone(a).cmp(&gone(b)).then(apart(a).total_cmp(&apart(b)));
+        others.min_by(order)
+    }
+
+    /// The rim of nominal size where `best` is none: stronger edges than the rim's (turned grooves, a collet) led elsewhere.
+    fn near(&self, nominal_mm: f64, best: Result<Measured>) -> Result<Measured> {
+        let meets = |m: &Measured| self.options.is_nominal(m.report.diameter_mm);
+        if best.as_ref().is_ok_and(meets) {
+            return best;
+        }
+        let named = self.attempts.named().and_then(|found| self.measure_at(&found).ok());
+        let ragged = |m: &Measured| m.report.form_rms_mm >= agreement::RAGGED_MM;
+        match (named.filter(|m| meets(m) && !ragged(m)), best) {
+            (Some(named), _) => Ok(named),
+            (None, Ok(other)) if ragged(&other) => {
+                Err(agreement::none_near(nominal_mm, &other.report))
+            }
+            (None, best) => best,
+        }
+    }
+
+    /// Measures a circle, about one centre where the table angles show one.
+    fn measure(&self, found: Found) -> Result<Measured> {
+        let rim = found.common_rim().and_then(|rim| self.measure_at(&rim).ok());
+        rim.map_or_else(|| self.measure_at(&found), Ok)
+    }
+
+    /// Measures a circle where it was found, without a capture that slipped.
+    fn measure_at(&self, found: &Found) -> Result<Measured> {
+        let Self { captures, frames, options, c_deg, angle_of, .. } = *self;
+        let mut followed = follow(captures, frames, found, angle_of)?;
+        if found.without.is_none()
+            && let Some(without) = slip::at_fault(&followed.arcs, &followed.robust)
+        {
+            let found = Found { without: Some(without), ..found.clone() };
+            followed = follow(captures, frames, &found, angle_of)?;
+        }
+        let mut measured = finish(captures, options, c_deg, angle_of, &followed)?;
+        let mut beside = [found.fainter_mm, found.stronger_mm];
+        if c_deg.len() > 1 && beside.iter().any(Option::is_some) {
+            let seen = self.attempts.beside(&measured.report);
+            // What is beside the rim about one centre may be the rim at another table angle.
+            beside.iter_mut().zip(seen).for_each(|(edge, seen)| *edge = edge.and(seen));
+        }
+        agreement::fainter_rim(beside[0], options, &mut measured.report);
+        agreement::stronger_edge(beside[1], options, &mut measured.report.warnings);
+        Ok(measured)
+    }
+}
+
+fn doubtful(measured: &Measured) -> bool {
+    measured.report.form_rms_mm >= DOUBTFUL_MM
+}
+
+fn unseen(nominal_mm: Option<f64>) -> Error {
+    let named = nominal_mm.map(|d| format!(" of about {d} mm"));
+    let option = if named.is_some() { "--diameter-mm, " } else { "" };
+    Error::measure(
+        "captures",
+        format!("no rim of a rod{} is seen on which they agree", named.unwrap_or_default()),
+        format!(
+            "check {option}the pictures, the machine positions (x_mm, y_mm) and the calibration's signs"
+        ),
+    )
+}
