@@ -59,6 +59,12 @@ pub struct Selection {
     pub(super) shapes: bool,
 }
 
+/// What may be added: a name, and a shape without one.
+struct Rivals {
+    library: Option<Score>,
+    generic: Option<(Who, Score)>,
+}
+
 /// Runs the selection.
 pub fn select(fitter: &Fitter) -> Selection {
     let baseline = fitter.fit(fitter.baseline(), None);
@@ -103,21 +109,48 @@ impl Selection {
     /// The model with the most convincing addition, if there is one.
     fn next(&self, fitter: &Fitter) -> Option<Model> {
         let f = &self.fitted;
-        let effects = fitter.experiment.effects();
         let standing = Standing::new(fitter, f, &[]);
+        let rivals = self.rivals(fitter, &standing);
+        if f.model.active.is_empty() && f.model.extras.is_empty() {
+            return self.addition(fitter, rivals);
+        }
+        let terms = self.form_terms(fitter);
+        let forms = Pool::of_terms(fitter, terms.clone());
+        let form_tests = (forms.candidates.len() as f64).max(1.0).ln();
+        let form = best(
+            standing
+                .scores(fitter, f, &forms)
+                .into_iter()
+                .filter(|s| s.ln_p + form_tests < 1e-3_f64.ln()),
+        );
+        let rivals = self.worth_adding(fitter, rivals, &terms);
+        if let Some(form) = form.filter(|form| self.is_form(fitter, form, &rivals)) {
+            let (kind, columns) = &terms[form.candidate];
+            return Some(with_extra(&f.model, kind, columns.clone()));
+        }
+        self.addition(fitter, rivals)
+    }
+
+    /// Whether a name is there beyond the chance of a false one.
+    fn is_sure(&self, name: &Score) -> bool {
+        name.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln()
+    }
+
+    /// The best name and the best shape beside what the model has; a fit decides where their scores are no clear answer.
+    fn rivals(&self, fitter: &Fitter, standing: &Standing) -> Rivals {
+        let f = &self.fitted;
         let taken = |s: &Score| match &self.library.candidates[s.candidate].who {
             Who::Effect(a) => f.model.active.iter().any(|b| b.effect == a.effect),
             Who::Extra(_) => false,
         };
         let mut generic = self
-            .best_generic(fitter, &standing, f)
+            .best_generic(fitter, standing, f)
             .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln());
         let scores: Vec<Score> =
             standing.scores(fitter, f, &self.library).into_iter().filter(|s| !taken(s)).collect();
-        let sure = |s: &Score| s.ln_p + self.library_tests.ln() < ALPHA_LIBRARY.ln();
-        let mut library = best(scores.iter().filter(|s| sure(s)).cloned());
+        let mut library = best(scores.iter().filter(|s| self.is_sure(s)).cloned());
         if let Some((_, shape)) = &generic {
-            let it = |s: &&Score| sure(s) && s.explains_as_much(shape);
+            let it = |s: &&Score| self.is_sure(s) && s.explains_as_much(shape);
             if let Some(name) = best(scores.iter().filter(it).cloned()) {
                 (library, generic) = (Some(name), None);
             }
@@ -131,32 +164,34 @@ impl Selection {
                 tried.iter().map(|s| self.on_trial(fitter, who(s), s)).collect();
             // Of names that fit as well the first by its score stays the first.
             trials[0].evidence += AS_LIKELY;
-            library = best(trials.into_iter().filter(|s| sure(s)));
+            library = best(trials.into_iter().filter(|s| self.is_sure(s)));
             generic = generic.map(|(who, s)| (who.clone(), self.on_trial(fitter, &who, &s)));
         }
-        let addition = |library: Option<Score>, generic: Option<(Who, Score)>| {
-            let strongest = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence);
-            match (library, generic) {
-                (Some(l), _) if l.evidence >= strongest - library_bonus(fitter) => {
-                    Some(add(fitter, &f.model, &self.library.candidates[l.candidate].who))
-                }
-                (_, Some((who, _))) => Some(add(fitter, &f.model, &who)),
-                _ => None,
+        Rivals { library, generic }
+    }
+
+    /// The model with the name, or with the shape where that is clearly likelier.
+    fn addition(&self, fitter: &Fitter, rivals: Rivals) -> Option<Model> {
+        let model = &self.fitted.model;
+        let strongest = rivals.generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence);
+        match (rivals.library, rivals.generic) {
+            (Some(l), _) if l.evidence >= strongest - library_bonus(fitter) => {
+                Some(add(fitter, model, &self.library.candidates[l.candidate].who))
             }
-        };
-        if f.model.active.is_empty() && f.model.extras.is_empty() {
-            return addition(library, generic);
+            (_, Some((who, _))) => Some(add(fitter, model, &who)),
+            _ => None,
         }
-        let form_columns = self.form_terms(fitter);
-        let forms = Pool::of_terms(fitter, form_columns.clone());
-        let form_tests = (forms.candidates.len() as f64).max(1.0).ln();
-        let form = best(
-            standing
-                .scores(fitter, f, &forms)
-                .into_iter()
-                .filter(|s| s.ln_p + form_tests < 1e-3_f64.ln()),
-        );
-        let named = self.strongest_named(fitter);
+    }
+
+    /// Those of the rivals that are more than what a wrong form of the model's parts, `terms`, leaves.
+    fn worth_adding(
+        &self,
+        fitter: &Fitter,
+        rivals: Rivals,
+        terms: &[(Extra, DMatrix<f64>)],
+    ) -> Rivals {
+        let f = &self.fitted;
+        let effects = fitter.experiment.effects();
         let explained = self.explained(fitter);
         let shapes = f.model.extras.iter().filter(|e| e.is_shape()).count();
         // Exact geometry has no form to be wrong: what remains beside it is something else, whatever its size. A shape without a
@@ -169,35 +204,35 @@ impl Selection {
         let big = |s: &Score| s.cleared_excess() > least.max(LEAST_SHARE * explained);
         // A name that shows beside all that a wrong form could be is no part of it.
         let of_form = |l: &Score| {
-            let columns: Vec<_> = form_columns.iter().flat_map(|(_, c)| c.column_iter()).collect();
+            let columns: Vec<_> = terms.iter().flat_map(|(_, c)| c.column_iter()).collect();
             let beside = Standing::beside(fitter, f, &DMatrix::from_columns(&columns));
             let scores = beside.scores(fitter, f, &self.library);
-            !scores.iter().any(|s| s.candidate == l.candidate && sure(s))
+            !scores.iter().any(|s| s.candidate == l.candidate && self.is_sure(s))
         };
-        let library = library.filter(|l| {
+        let library = rivals.library.filter(|l| {
             let least = LEAST_SHARE * explained;
             big(l)
                 || (loose
                     && shapes == 0
                     && l.cleared_excess() > least
-                    && !form_columns.is_empty()
+                    && !terms.is_empty()
                     && !of_form(l))
         });
-        let generic = generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
-        let rivals = || library.iter().chain(generic.iter().map(|(_, g)| g));
-        let rival = rivals().map(|s| s.evidence).fold(f64::MIN, f64::max);
-        let rival_chi2 = rivals().map(Score::cleared_excess).fold(0.0, f64::max);
+        let generic = rivals.generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
+        Rivals { library, generic }
+    }
+
+    /// Whether what is left is likelier a wrong form of a part than another one.
+    fn is_form(&self, fitter: &Fitter, form: &Score, rivals: &Rivals) -> bool {
+        let Rivals { library, generic } = rivals;
+        let scores = || library.iter().chain(generic.iter().map(|(_, g)| g));
+        let rival = scores().map(|s| s.evidence).fold(f64::MIN, f64::max);
+        let rival_chi2 = scores().map(Score::cleared_excess).fold(0.0, f64::max);
         // A second name needs no handicap against a bent form of the first; a shape without a name has its own.
         let shape = generic.as_ref().map_or(f64::MIN, |(_, g)| g.evidence - library_bonus(fitter));
         let other = library.as_ref().map_or(shape, |l| l.evidence.max(shape));
-        if let Some(x) = &form {
-            let small = rival_chi2 < FORM_SHARE * named;
-            if x.evidence >= other || (small && x.evidence > 0.6 * rival) {
-                let (kind, columns) = &form_columns[x.candidate];
-                return Some(with_extra(&f.model, kind, columns.clone()));
-            }
-        }
-        addition(library, generic)
+        let small = rival_chi2 < FORM_SHARE * self.strongest_named(fitter);
+        form.evidence >= other || (small && form.evidence > 0.6 * rival)
     }
 
     /// The likeliest names, best first, that a fit should decide between. Where captures have random parts of their own, a large
