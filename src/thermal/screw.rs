@@ -203,11 +203,7 @@ fn fit_axis(
     let serial = lines.repeats().sqrt();
     // Slopes off the law make T0 and the slope for each degree uncertain, not where the lines meet.
     let slope = serial * off.ratio * k95(off.dof) / k;
-    let widen = [slope, slope, serial];
-    let mut covariance = solved.covariance;
-    for (i, row) in covariance.iter_mut().enumerate() {
-        row.iter_mut().zip(widen).for_each(|(v, w)| *v *= widen[i] * w);
-    }
+    let mut covariance = widened(solved.covariance, [slope, slope, serial]);
     let range_mm: [f64; 2] =
         range(&points.iter().map(|p| p.position_mm).collect::<Vec<_>>()).into();
     if given_p0.is_none() && !meet {
@@ -229,13 +225,6 @@ fn fit_axis(
     let rms = |f: &dyn Fn(&Point) -> f64| {
         (points.iter().map(|p| f(p).powi(2)).sum::<f64>() / points.len() as f64).sqrt()
     };
-    let slope_k = k95(lines.dof);
-    let slope_of = |l: &Line| Slope {
-        screw_c: l.screw_c,
-        slope_um_per_m: 1e6 * l.slope,
-        slope_u95_um_per_m: 1e6 * slope_k * (lines.noise * l.slope_factor) * serial,
-        intercept_mm: l.intercept,
-    };
     Ok(Screw {
         axis: axis.to_owned(),
         t0_c,
@@ -253,8 +242,28 @@ fn fit_axis(
         }),
         covariance,
         dof,
-        slopes: lines.lines.iter().map(slope_of).collect(),
+        slopes: slopes(&lines, serial),
     })
+}
+
+/// A covariance whose standard deviations are so many times larger.
+fn widened(mut covariance: [[f64; 3]; 3], by: [f64; 3]) -> [[f64; 3]; 3] {
+    for (i, row) in covariance.iter_mut().enumerate() {
+        row.iter_mut().zip(by).for_each(|(v, w)| *v *= by[i] * w);
+    }
+    covariance
+}
+
+/// The slopes measured; `serial` is how much more uncertain they are than readings of their own each would make them.
+fn slopes(lines: &Lines, serial: f64) -> Vec<Slope> {
+    let k = k95(lines.dof);
+    let slope = |l: &Line| Slope {
+        screw_c: l.screw_c,
+        slope_um_per_m: 1e6 * l.slope,
+        slope_u95_um_per_m: 1e6 * k * (lines.noise * l.slope_factor) * serial,
+        intercept_mm: l.intercept,
+    };
+    lines.lines.iter().map(slope).collect()
 }
 
 /// The reference position where the law does not tell it: as given, or 0 where the lines do not meet.
