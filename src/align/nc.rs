@@ -94,6 +94,20 @@ impl Modal {
         if rtcp { Ok(()) } else { Err(("switches RTCP on".into(), fix)) }
     }
 
+    /// A move must be one, of tool points where those are moved, and count from where the first one does.
+    fn may_move(&mut self, rtcp: bool) -> Result<(), Refusal> {
+        if self.rapid.is_none() {
+            return Err(("moves before any G0 or G1".into(), "program G0 or G1 first"));
+        }
+        if rtcp && self.rtcp_off {
+            return Err((
+                "moves while RTCP is switched off".into(),
+                "cut such moves out, or switch it on before: with --rtcp positions are tool points",
+            ));
+        }
+        self.same_datum(rtcp)
+    }
+
     /// A move whose numbers count from elsewhere than the first one's, by how much only the control knows. Tool points do not depend on
     /// the tool's length.
     fn same_datum(&mut self, rtcp: bool) -> Result<(), Refusal> {
@@ -132,18 +146,39 @@ pub fn parse<'a>(
     block.axes = [None; 5];
     (block.moves, block.away) = (false, false);
     let text = line.trim_end();
-    if text.starts_with('%') || text.starts_with('/') {
-        if text.starts_with('/') {
-            return Err((
-                "is a block that the operator may skip".into(),
-                "remove the slash or the block",
-            ));
-        }
+    if text.starts_with('/') {
+        return Err((
+            "is a block that the operator may skip".into(),
+            "remove the slash or the block",
+        ));
+    }
+    if text.starts_with('%') {
         return Ok(());
     }
+    let dwells = words(text, letters, rtcp, modal, block)?;
+    modal.datum.choose(&block.words);
+    if dwells || block.away {
+        // X is a time, or the goal is the control's: the block passes as it stands.
+        return Ok(());
+    }
+    if block.axes.iter().any(Option::is_some) {
+        modal.may_move(rtcp)?;
+        block.moves = true;
+    }
+    Ok(())
+}
+
+/// Reads what stands in a block, word by word; hands back whether it dwells.
+fn words<'a>(
+    text: &'a str,
+    letters: &[char; 5],
+    rtcp: bool,
+    modal: &mut Modal,
+    block: &mut Block<'a>,
+) -> Result<bool, Refusal> {
     let bytes = text.as_bytes();
     let mut i = 0;
-    let mut dwell = false;
+    let mut dwells = false;
     while i < bytes.len() {
         let c = bytes[i];
         match c {
@@ -168,20 +203,8 @@ pub fn parse<'a>(
                     break;
                 }
                 let letter = c.to_ascii_uppercase() as char;
-                let (digits, value) = number(letter, text, &mut i)?;
-                if let Some(axis) = letters.iter().position(|&l| l == letter) {
-                    if block.axes[axis].replace(value).is_some() {
-                        return Err((format!("has {letter} twice"), "keep one of them"));
-                    }
-                    continue;
-                }
-                match letter {
-                    'G' => dwell |= g_code(value, rtcp, modal, block)?,
-                    'M' if value == 128.0 => modal.turn_rtcp_on(rtcp)?,
-                    'M' if value == 129.0 => modal.rtcp_off = true,
-                    _ => check_letter(letter, value)?,
-                }
-                block.words.push((letter, digits));
+                let number = number(letter, text, &mut i)?;
+                dwells |= letter_word(letter, number, letters, rtcp, modal, block)?;
             }
             c => {
                 let shown = text[i..].chars().next().unwrap_or(c as char);
@@ -192,25 +215,33 @@ pub fn parse<'a>(
             }
         }
     }
-    modal.datum.choose(&block.words);
-    if dwell || block.away {
-        // X is a time, or the goal is the control's: the block passes as it stands.
-        return Ok(());
+    Ok(dwells)
+}
+
+/// Takes a word of one letter, the place of an axis or another; hands back whether it dwells.
+fn letter_word<'a>(
+    letter: char,
+    (digits, value): (&'a str, f64),
+    letters: &[char; 5],
+    rtcp: bool,
+    modal: &mut Modal,
+    block: &mut Block<'a>,
+) -> Result<bool, Refusal> {
+    if let Some(axis) = letters.iter().position(|&l| l == letter) {
+        return match block.axes[axis].replace(value) {
+            Some(_) => Err((format!("has {letter} twice"), "keep one of them")),
+            None => Ok(false),
+        };
     }
-    if block.axes.iter().any(Option::is_some) {
-        if modal.rapid.is_none() {
-            return Err(("moves before any G0 or G1".into(), "program G0 or G1 first"));
-        }
-        if rtcp && modal.rtcp_off {
-            return Err((
-                "moves while RTCP is switched off".into(),
-                "cut such moves out, or switch it on before: with --rtcp positions are tool points",
-            ));
-        }
-        modal.same_datum(rtcp)?;
-        block.moves = true;
+    let mut dwells = false;
+    match letter {
+        'G' => dwells = g_code(value, rtcp, modal, block)?,
+        'M' if value == 128.0 => modal.turn_rtcp_on(rtcp)?,
+        'M' if value == 129.0 => modal.rtcp_off = true,
+        _ => check_letter(letter, value)?,
     }
-    Ok(())
+    block.words.push((letter, digits));
+    Ok(dwells)
 }
 
 /// The number that belongs to a letter, which stands at `at`; leads behind it.
