@@ -11,6 +11,7 @@ mod results;
 mod session;
 mod session_file;
 mod session_reader;
+mod session_rod;
 pub mod solve;
 pub mod solved_file;
 pub mod sweep;

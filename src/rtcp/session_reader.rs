@@ -6,34 +6,26 @@ use nalgebra::{Matrix2, Vector2};
 
 use crate::error::{Error, Result};
 use crate::machine::{Head, Machine, Table};
-use crate::rtcp::results::{BurnResult, OffAxis, RodResult};
+use crate::rtcp::results::BurnResult;
 use crate::rtcp::session::{InControl, Limit, Session};
-use crate::rtcp::session_file::{Burn, Checks, Control, File, Rod, Touch};
+use crate::rtcp::session_file::{Burn, Control, File, Touch};
+use crate::rtcp::session_rod::RodSeen;
 use crate::rtcp::solve::Readings;
 use crate::uncertainty::{K95, Measured, distance};
 use crate::units;
 
 /// Standard uncertainty taken for a length whose own is not given, mm.
-const DEFAULT_U_MM: f64 = 0.005;
+pub(super) const DEFAULT_U_MM: f64 = 0.005;
 
 /// A standard uncertainty of B's zero beyond this is a slip: the head would stand visibly askew.
 const MOST_B_ZERO_U_DEG: f64 = 5.0;
-
-/// What is known of the rod.
-struct RodSeen {
-    axis_center_mm: [Measured; 2],
-    axis_from_seen_mm: Measured,
-    rod_offset_mm: Measured,
-    offset_follows: [f64; 2],
-    diameter_mm: Measured,
-}
 
 /// Turns the file into numbers, noting what had to be assumed.
 pub(super) struct Reader<'a> {
     pub(super) path: &'a Path,
     pub(super) warnings: Vec<String>,
     /// The rod's run-out, where pictures at several table angles show it.
-    run_out: Option<Measured>,
+    pub(super) run_out: Option<Measured>,
 }
 
 /// What S2 calls it.
@@ -233,127 +225,6 @@ impl<'a> Reader<'a> {
         })
     }
 
-    /// The C axis, the rod's centre off it along X during the touches, and the rod's diameter.
-    fn rod(
-        &mut self,
-        rod: &Rod,
-        (touch_c_deg, c_sense): (Option<f64>, i32),
-        checks: &Checks,
-    ) -> Result<RodSeen> {
-        let mut eccentricity = match rod.eccentricity_mm {
-            Some(e) => Some(self.uncertainty("rod.eccentricity_mm", e)?),
-            None => None,
-        };
-        let mut offset = None;
-        // A centre with an eccentricity beside it is the rod's, as is one seen at one C angle.
-        let mut is_rods = rod.result.is_none() && eccentricity.is_some();
-        let (center, u, diameter) = match (&rod.result, rod.center_mm) {
-            (Some(file), None) => {
-                let result = RodResult::read(&self.beside(file))?;
-                self.warnings.extend(result.warnings.iter().map(|w| format!("S2, rod: {w}")));
-                is_rods = result.is_rods();
-                self.warnings.extend(runs_out(&result, checks));
-                offset = touch_c_deg.and_then(|c| result.offset_at(c, c_sense));
-                if let (Some(c), None) = (touch_c_deg, offset) {
-                    self.warnings.push(format!(
-                        "S2, rod: it was not seen at touch.c_deg = {c} and what was seen does not tell where it stood: its eccentricity counts as uncertainty"
-                    ));
-                }
-                if result.rod_centers.len() > 1 {
-                    eccentricity = eccentricity.or(result.eccentricity_mm);
-                    self.run_out = result.run_out();
-                    if touch_c_deg.is_none()
-                        && self.run_out.is_some_and(|r| r.value > checks.tolerance_mm)
-                    {
-                        self.warnings.push(
-                            "touch.c_deg is not given: where the rod stood during the touches is not known, and all its eccentricity is in ΔX's interval"
-                                .into(),
-                        );
-                    }
-                }
-                let measured = result.diameter_mm.map(|value| Measured {
-                    value,
-                    u: result.diameter_u95_mm.map_or(DEFAULT_U_MM, |u| u / K95),
-                });
-                (result.axis_center_mm, result.axis_center_u95_mm.pair().map(|u| u / K95), measured)
-            }
-            (None, Some(center)) => {
-                let u =
-                    rod.center_u_mm.map(super::session_file::OneOrTwo::pair).unwrap_or_else(|| {
-                        self.assumed("rod.center");
-                        [DEFAULT_U_MM; 2]
-                    });
-                (center, u, None)
-            }
-            _ => {
-                let reason = "needs either result or center_mm";
-                return Err(self.wrong(
-                    "rod",
-                    reason,
-                    "give result = \"rod.json\" or center_mm = [x, y]",
-                ));
-            }
-        };
-        let mut axis = [Measured::default(); 2];
-        for i in 0..2 {
-            axis[i].value = self.length("rod.center_mm", center[i])?;
-            axis[i].u = self.uncertainty("rod.center_u_mm", u[i])?;
-        }
-        let diameter_mm = self.diameter(rod, diameter)?;
-        let e = eccentricity.or(checks.rod_runout_mm.map(|r| r / 2.0));
-        let e = e.unwrap_or_else(|| self.allowed_eccentricity(is_rods, checks));
-        // Where its angle is not known a rod's centre may lie anywhere on its small circle.
-        let anywhere = Measured { value: 0.0, u: e / std::f64::consts::SQRT_2 };
-        // From one place on that circle to another.
-        let turned = Measured { value: 0.0, u: e };
-        let unseen = || OffAxis::alone(if is_rods { turned } else { anywhere });
-        let OffAxis { offset_mm: rod_offset_mm, follows: offset_follows } =
-            offset.unwrap_or_else(unseen);
-        Ok(RodSeen {
-            axis_center_mm: axis,
-            axis_from_seen_mm: if is_rods { anywhere } else { Measured::default() },
-            rod_offset_mm,
-            offset_follows,
-            diameter_mm,
-        })
-    }
-
-    /// The rod's diameter: as given, else as the camera measured it.
-    fn diameter(&mut self, rod: &Rod, seen: Option<Measured>) -> Result<Measured> {
-        let given = match rod.diameter_mm {
-            Some(_) => Some(self.given("rod.diameter", rod.diameter_mm, rod.diameter_u_mm)?),
-            None => None,
-        };
-        if let (Some(given), Some(seen)) = (given, seen)
-            && (seen.value - given.value).abs() > 3.0 * seen.u.hypot(given.u)
-        {
-            self.warnings.push(format!(
-                "the camera measures a diameter of {:.4} mm, diameter_mm says {:.4} mm: is it the same rod?",
-                seen.value, given.value
-            ));
-        }
-        let diameter = given.or(seen);
-        let Some(diameter) = diameter.filter(|d| d.value > 0.0) else {
-            let reason = diameter.map_or("is missing".to_owned(), |d| format!("is {}", d.value));
-            return Err(self.wrong("rod.diameter_mm", reason, "give the rod's diameter in mm"));
-        };
-        self.warnings.extend(units::rod("rod.diameter_mm", diameter.value));
-        Ok(diameter)
-    }
-
-    /// How eccentric a rod may be to the C axis of which nothing tells it.
-    fn allowed_eccentricity(&mut self, is_rods: bool, checks: &Checks) -> f64 {
-        if !is_rods {
-            return 0.0;
-        }
-        let allowed = checks.tolerance_mm / 2.0;
-        self.warnings.push(format!(
-            "S2, rod: nothing tells how eccentric it is to the C axis: {allowed} mm is taken, half the run-out that is allowed; \
-             see it at two C angles or more, or give checks.rod_runout_mm"
-        ));
-        allowed
-    }
-
     /// The machine as the control holds it now.
     fn control(&mut self, control: &Control, c_sense: i32) -> Result<InControl> {
         let Control { machine: file, delta_x_mm, r_mm, xc_mm, yc_mm, zc_mm } = control;
@@ -385,7 +256,12 @@ impl<'a> Reader<'a> {
         Ok(InControl { machine, untold, from_file: file.is_some() })
     }
 
-    fn given(&mut self, key: &str, value: Option<f64>, u: Option<f64>) -> Result<Measured> {
+    pub(super) fn given(
+        &mut self,
+        key: &str,
+        value: Option<f64>,
+        u: Option<f64>,
+    ) -> Result<Measured> {
         let value = self.length(&format!("{key}_mm"), value.unwrap_or(f64::NAN))?;
         let u = u.unwrap_or_else(|| {
             self.assumed(key);
@@ -396,17 +272,17 @@ impl<'a> Reader<'a> {
         Ok(Measured { value, u: self.uncertainty(&key, u)? })
     }
 
-    fn assumed(&mut self, key: &str) {
+    pub(super) fn assumed(&mut self, key: &str) {
         self.warnings.push(format!("{key}_u_mm is not given: {DEFAULT_U_MM} mm is taken"));
     }
 
-    fn length(&self, key: &str, value: f64) -> Result<f64> {
+    pub(super) fn length(&self, key: &str, value: f64) -> Result<f64> {
         let usable = value.is_finite() && value.abs() < 1e6;
         let fail = || self.wrong(key, format!("is {value}"), "give a finite length in mm");
         usable.then_some(value).ok_or_else(fail)
     }
 
-    fn uncertainty(&self, key: &str, value: f64) -> Result<f64> {
+    pub(super) fn uncertainty(&self, key: &str, value: f64) -> Result<f64> {
         let fail = || self.wrong(key, format!("is {value}"), "give a finite number, zero or more");
         (value.is_finite() && value >= 0.0).then_some(value).ok_or_else(fail)
     }
@@ -416,7 +292,7 @@ impl<'a> Reader<'a> {
         (value.is_finite() && value.abs() <= 180.0).then_some(value.to_radians()).ok_or_else(fail)
     }
 
-    fn wrong(&self, key: &str, reason: impl Into<String>, fix: &str) -> Error {
+    pub(super) fn wrong(&self, key: &str, reason: impl Into<String>, fix: &str) -> Error {
         Error::field(self.path, None, key, reason, fix)
     }
 
@@ -424,17 +300,4 @@ impl<'a> Reader<'a> {
     pub(super) fn beside(&self, file: &Path) -> std::path::PathBuf {
         self.path.parent().map_or_else(|| file.to_owned(), |folder| folder.join(file))
     }
-}
-
-/// What the pictures say against the run-out that was read: they see half of it as eccentricity.
-fn runs_out(seen: &RodResult, checks: &Checks) -> Option<String> {
-    let (run_out, read) = (seen.run_out()?, checks.rod_runout_mm?);
-    let apart = (run_out.value - read).abs();
-    (apart > K95 * run_out.u.hypot(checks.indicator_u_mm)).then(|| {
-        format!(
-            "S2, rod: the pictures see a run-out of {:.4} ± {:.4} mm, checks.rod_runout_mm says {read} mm: was it the same rod, clamped alike?",
-            run_out.value,
-            run_out.u95()
-        )
-    })
 }
