@@ -4,6 +4,7 @@
 pub(crate) mod advice;
 mod charts;
 pub(crate) mod html;
+mod lists;
 mod numbers;
 mod source;
 
@@ -132,7 +133,7 @@ fn section(command: &str, result: &Value, advised: bool) -> (String, bool) {
         ];
         text += &table(&head, rows.iter().map(Characteristic::cells));
     }
-    for list in numbers::lists(command, result) {
+    for list in lists::lists(command, result) {
         shows |= !list.rows.is_empty();
         text += &format!("<h2>{}</h2>\n", escape(&list.title));
         let head: Vec<&str> = list.head.iter().map(String::as_str).collect();
