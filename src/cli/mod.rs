@@ -12,8 +12,10 @@ mod config;
 mod demo;
 mod diagnose;
 mod export;
+mod global;
 mod history;
 mod machine;
+mod outcome;
 mod outfiles;
 mod pages;
 mod pictures;
@@ -33,14 +35,15 @@ use std::io::Write;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use clap::{Args, CommandFactory, FromArgMatches, Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
-use crate::clock;
+pub use global::Global;
+pub use outcome::{Outcome, Status, envelope, result, rows};
+
 use crate::error::{Error, Result};
-use crate::output::{Document, Format};
 use crate::store::Store;
-use crate::store::keep::Taken;
-use outfiles::{Files, OutFile};
+use global::complain;
+use outfiles::Files;
 
 /// Measures a five-axis laser machine's rotary axes with a camera and computes what to type into the control.
 #[derive(Debug, Parser)]
@@ -50,74 +53,6 @@ struct Cli {
     global: Global,
     #[command(subcommand)]
     command: Command,
-}
-
-/// Options every command has.
-#[derive(Debug, Args)]
-pub struct Global {
-    /// How the result is printed
-    #[arg(long, value_enum, default_value = "table", global = true)]
-    pub format: Format,
-    /// Write the result to FILE (whole or not at all) instead of standard output
-    #[arg(long, value_name = "FILE", global = true)]
-    pub out: Option<OutFile>,
-    /// No progress and no warnings on standard error
-    #[arg(long, short, global = true)]
-    pub quiet: bool,
-    /// Append what is said on standard error, and how the run ended, to FILE
-    #[arg(long, value_name = "FILE", global = true)]
-    pub log: Option<OutFile>,
-    /// Keep the result in the records FILE (see `pivotsight history`)
-    #[arg(long, value_name = "FILE", global = true)]
-    pub records: Option<OutFile>,
-    /// When what is measured was captured, for the records: a time (2026-11-24 or 2026-11-24T10:30:00Z, UTC), or `file`, when each picture's file was last
-    /// changed; the run's own time where left out
-    #[arg(long, value_name = "TIME", global = true, requires = "records")]
-    pub taken: Option<Taken>,
-    /// Say on standard error how the command was understood, defaults included, how it ended and how long it took
-    #[arg(long, short, action = clap::ArgAction::Count, global = true)]
-    pub verbose: u8,
-    /// What is written beside the result
-    #[arg(skip)]
-    files: Files,
-}
-
-impl Global {
-    /// Prints a progress line or warning on standard error unless `--quiet`.
-    pub fn say(&self, message: impl std::fmt::Display) {
-        if !self.quiet {
-            complain(&message);
-        }
-        self.note(message);
-    }
-
-    /// Prints what the user must know even with `--quiet`.
-    pub fn insist(&self, message: impl std::fmt::Display) {
-        complain(&message);
-        self.note(message);
-    }
-
-    /// Prints what only `--verbose` asks for; the log has it in its own words.
-    fn detail(&self, message: impl std::fmt::Display) {
-        if self.verbose > 0 && !self.quiet {
-            complain(message);
-        }
-    }
-
-    /// Appends a line to the log, if there is one; a log that cannot be written never stops a measurement.
-    fn note(&self, message: impl std::fmt::Display) {
-        let Some(path) = &self.log else { return };
-        let line = format!("{} {message}\n", clock::utc(clock::now()));
-        let file = std::fs::OpenOptions::new().append(true).create(true).open(path);
-        if let Err(e) = file.and_then(|mut file| file.write_all(line.as_bytes())) {
-            complain(format_args!("pivotsight: {}: cannot write the log: {e}", path.display()));
-        }
-    }
-}
-
-/// A line on standard error. Where that is full or closed nobody reads it, and the result must not be lost with it.
-fn complain(line: impl std::fmt::Display) {
-    let _ = writeln!(std::io::stderr(), "{line}");
 }
 
 #[derive(Debug, Subcommand)]
@@ -149,59 +84,6 @@ enum Command {
     Solve(solve::Args),
     Thermal(thermal::Args),
     Verify(verify::Args),
-}
-
-/// What a command hands back: something to print, and how it went.
-#[derive(Debug)]
-pub struct Outcome {
-    /// The result; `None` where the command already wrote what it makes.
-    pub document: Option<Document>,
-    /// The exit code's meaning.
-    pub status: Status,
-}
-
-/// The meaning of an exit code (`docs/conventions.md`).
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
-    /// 0: measured, within tolerance or no tolerance applies.
-    Good,
-    /// 1: measured, and the verdict is `fail` or `undecided`.
-    OutOfTolerance,
-    /// 3: several inputs, and some of them failed.
-    SomeFailed,
-    /// 2: nothing measured.
-    BadInput,
-}
-
-impl Outcome {
-    /// A result with no tolerance, or within it.
-    pub fn good(document: Document) -> Self {
-        Self { document: Some(document), status: Status::Good }
-    }
-}
-
-impl Status {
-    fn number(self) -> u8 {
-        match self {
-            Self::Good => 0,
-            Self::OutOfTolerance => 1,
-            Self::BadInput => 2,
-            Self::SomeFailed => 3,
-        }
-    }
-
-    fn word(self) -> &'static str {
-        match self {
-            Self::Good => "good",
-            Self::OutOfTolerance => "measured, not passed",
-            Self::SomeFailed => "some failed",
-            Self::BadInput => "nothing measured",
-        }
-    }
-
-    fn code(self) -> ExitCode {
-        ExitCode::from(self.number())
-    }
 }
 
 /// The whole command line. A negative number is a value wherever one is taken: what is wrong with it the library says.
@@ -361,39 +243,6 @@ fn hand_out(global: &Global, to_out: bool, outcome: Outcome) -> Result<Status> {
         global.say(format_args!("wrote {}", path.display()));
     }
     Ok(outcome.status)
-}
-
-/// The keys every JSON result begins with; the command's own keys follow.
-pub fn envelope(
-    command: &str,
-    input: impl serde::Serialize,
-    warnings: &[String],
-) -> serde_json::Map<String, serde_json::Value> {
-    let mut map = serde_json::Map::new();
-    map.insert("schema".into(), format!("pivotsight.{command}/1").into());
-    map.insert("version".into(), env!("CARGO_PKG_VERSION").into());
-    map.insert("input".into(), serde_json::to_value(input).unwrap_or_default());
-    map.insert("warnings".into(), warnings.into());
-    map
-}
-
-/// A whole JSON result: the envelope, then the keys of `body`.
-pub fn result(
-    command: &str,
-    input: impl serde::Serialize,
-    warnings: &[String],
-    body: &impl serde::Serialize,
-) -> serde_json::Value {
-    let mut map = envelope(command, input, warnings);
-    if let Ok(serde_json::Value::Object(keys)) = serde_json::to_value(body) {
-        map.extend(keys);
-    }
-    map.into()
-}
-
-/// A list as the rows of a document.
-pub fn rows(list: &[impl serde::Serialize]) -> Vec<serde_json::Value> {
-    list.iter().map(|row| serde_json::to_value(row).unwrap_or_default()).collect()
 }
 
 /// A place in the plane, as `--near-mm` and its like take it.

@@ -83,8 +83,8 @@ fn results_image(document: &Value) -> Option<String> {
     text(document.get("results")?.get(0)?, "image")
 }
 
-/// Keeps the measured pictures of a batch in the records `path`: of the lines that the folder's journal holds those that are measured, each at the time
-/// that `taken` gives for its picture.
+/// Keeps the measured pictures of a batch in the records `path`: of the `lines` of its results those that are measured, each at the time that
+/// `taken` gives for its picture.
 pub fn batch(
     path: &Path,
     command: &str,
