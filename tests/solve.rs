@@ -380,7 +380,7 @@ fn a_rim_aimed_at_by_hand_gives_the_axis() {
             csv += &format!("{:.6},{:.6},{c}\n", center[0] + 10.0 * k, center[1] + 10.0 * s);
         }
     }
-    std::fs::write(&points, csv).unwrap();
+    std::fs::write(&points, &csv).unwrap();
     let run = |arguments: &[&str]| {
         let mut command = Command::cargo_bin("pivotsight").unwrap();
         command.arg("rod").arg(&points).args(arguments).output().unwrap()
@@ -402,6 +402,11 @@ fn a_rim_aimed_at_by_hand_gives_the_axis() {
     assert!((run_out["value_mm"].as_f64().unwrap() - 0.1).abs() < 1e-3, "{run_out}");
     let out = run(&["--overlay", "pictures"]);
     assert!(String::from_utf8_lossy(&out.stderr).contains("--overlay: needs pictures"));
+    // A table that comes through a pipe can be read once.
+    if cfg!(unix) {
+        let mut piped = Command::cargo_bin("pivotsight").unwrap();
+        piped.args(["rod", "/dev/stdin"]).write_stdin(csv).assert().success();
+    }
 }
 
 /// Values typed in say nothing of the sense of B: where they are the new ones already, nothing changes, whichever way it turns.
