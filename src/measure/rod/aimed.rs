@@ -78,7 +78,7 @@ pub fn measure_points(
     all.extend(axis.as_mut().map(|axis| &mut axis.known));
     let nominal = take_nominal(&mut all, options, &mut warnings);
     let k = k95(dof);
-    let rod_centers = rod_centers(&rod, &c_deg, k);
+    let rod_centers = rod_centers(&rod, axis.as_ref(), &c_deg, dof);
     let (axis_center_mm, axis_center_u95_mm) = match &axis {
         Some(axis) => {
             let u95 =

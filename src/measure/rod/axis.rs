@@ -84,6 +84,8 @@ pub(super) struct Axis {
     pub dof: usize,
     /// The part of the numbers' variances that is known from those misses alone.
     from_misses: DVector<f64>,
+    /// Variance of a centre's place that the pixels of its arcs do not tell, each axis, mm².
+    out_of_place_mm2: f64,
     /// Restricted log likelihood, but for a constant.
     log_likelihood: f64,
 }
@@ -93,6 +95,13 @@ impl Axis {
     pub fn dof_of(&self, i: usize) -> f64 {
         let share = self.from_misses[i] / self.known.covariance[(i, i)].max(f64::MIN_POSITIVE);
         self.dof as f64 / share.clamp(0.0, 1.0).powi(2)
+    }
+
+    /// Variance of a coordinate of a centre by itself, of which the pixels tell `pixels_mm2`, and its degrees of freedom.
+    pub fn of_a_center(&self, pixels_mm2: f64) -> (f64, f64) {
+        let variance = pixels_mm2 + self.out_of_place_mm2;
+        let share = self.out_of_place_mm2 / variance.max(f64::MIN_POSITIVE);
+        (variance, self.dof as f64 / share.clamp(0.0, 1.0).powi(2))
     }
 }
 
@@ -129,7 +138,9 @@ pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64, in_place: f64) -> Opt
         covariance: DMatrix::zeros(NUMBERS, NUMBERS),
         gain: DMatrix::zeros(NUMBERS, rod.values.len()),
     };
+    let mut out_of_place_mm2 = 0.0;
     for (one, weight) in all.iter().zip(&weights) {
+        out_of_place_mm2 += one.out_of_place_mm2 * (weight / total);
         known.values += &one.known.values * (weight / total);
         known.gain += &one.known.gain * (weight / total);
     }
@@ -138,7 +149,7 @@ pub(super) fn axis(rod: &Known, c_deg: &[f64], sense: f64, in_place: f64) -> Opt
         known.covariance += (&one.known.covariance + &apart * apart.transpose()) * (weight / total);
     }
     let from_misses = known.covariance.diagonal() - if_still;
-    Some(Axis { known, chi2, dof, from_misses, log_likelihood: likeliest })
+    Some(Axis { known, chi2, dof, from_misses, out_of_place_mm2, log_likelihood: likeliest })
 }
 
 /// By how much a centre may be out of place, in its own standard deviation where it is surest: from so much in steps of such a ratio.
@@ -185,6 +196,7 @@ fn axis_if(rod: &Known, out_of_place: f64, c_deg: &[f64], sense: f64) -> Option<
         chi2,
         dof: n - NUMBERS,
         from_misses: DVector::zeros(NUMBERS),
+        out_of_place_mm2: out_of_place,
         log_likelihood: -0.5 * (log_det + chi2),
     })
 }
@@ -197,8 +209,8 @@ mod tests {
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 
-    /// One arc at each table angle, known along its normal and hardly across: where arcs are out of place as a whole the axis knows it,
-    /// and where they are not its interval is no wider for that.
+    /// One arc at each table angle, known along its normal and hardly across: where arcs are out of place as a whole the axis and the
+    /// centres know it, and where they are not the axis' interval is no wider for that.
     #[test]
     fn arcs_out_of_place_are_in_the_interval_of_the_axis() {
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(3);
@@ -206,7 +218,7 @@ mod tests {
         let c_deg: Vec<f64> = (0..8).map(|i| 45.0 * f64::from(i)).collect();
         let [along_mm, across_mm]: [f64; 2] = [1e-4, 2e-3];
         for (out_of_place, held) in [(0.0, 0.92..=1.0), (2.5, 0.82..=0.97)] {
-            let (mut inside, mut widths) = (0, Vec::new());
+            let (mut inside, mut centers_inside, mut widths) = (0, 0, Vec::new());
             for _ in 0..300 {
                 let mut covariance = DMatrix::identity(17, 17) * along_mm.powi(2);
                 let mut values = DVector::zeros(17);
@@ -225,9 +237,14 @@ mod tests {
                 let u95_mm = k95(axis.dof_of(0)) * axis.known.covariance[(0, 0)].sqrt();
                 inside += usize::from(axis.known.values[0].abs() < u95_mm);
                 widths.push(u95_mm);
+                let (variance, dof) = axis.of_a_center(free.covariance[(0, 0)]);
+                let off_mm = (free.values[0] - 0.1).abs();
+                centers_inside += usize::from(off_mm < k95(dof) * variance.sqrt());
             }
             let share = inside as f64 / 300.0;
             assert!(held.contains(&share), "{out_of_place}: {share}");
+            let share = centers_inside as f64 / 300.0;
+            assert!((0.92..=1.0).contains(&share), "centres, {out_of_place}: {share}");
             assert!(out_of_place > 0.0 || median(&mut widths) < 1.3 * 1.96 * 0.5 * along_mm);
         }
     }

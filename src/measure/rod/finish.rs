@@ -48,7 +48,8 @@ pub(super) fn finish(
     all.extend(axis.as_mut().map(|axis| &mut axis.known));
     all.iter_mut().for_each(|known| known.widen_radius(form + rim_mm * rim_mm));
     let nominal = take_nominal(&mut all, options, &mut warnings);
-    let (centers, rod_centers) = (centers(&rod, angles), rod_centers(&rod, c_deg, k95(fit.dof)));
+    let (centers, rod_centers) =
+        (centers(&rod, angles), rod_centers(&rod, axis.as_ref(), c_deg, fit.dof));
     let (axis_center, axis_u95) = match &axis {
         Some(axis) => axis_place(axis),
         None => {
@@ -200,9 +201,19 @@ pub(super) fn not_nominal(diameter_mm: f64, nominal_mm: f64) -> String {
     )
 }
 
-/// The rod's centre at each table angle.
-pub(super) fn rod_centers(rod: &Known, c_deg: &[f64], factor: f64) -> Vec<RodCenter> {
-    let u95 = |i: usize| factor * rod.covariance[(i, i)].max(0.0).sqrt();
+/// The rod's centre at each table angle; where the axis says how far centres are out of place, that is in their intervals.
+pub(super) fn rod_centers(
+    rod: &Known,
+    axis: Option<&Axis>,
+    c_deg: &[f64],
+    dof: f64,
+) -> Vec<RodCenter> {
+    let u95 = |i: usize| {
+        let pixels_mm2 = rod.covariance[(i, i)].max(0.0);
+        let (variance, of_axis) =
+            axis.map_or((pixels_mm2, f64::INFINITY), |axis| axis.of_a_center(pixels_mm2));
+        k95(dof.min(of_axis)) * variance.sqrt()
+    };
     let center = |(a, &c_deg): (usize, &f64)| RodCenter {
         c_deg,
         center_mm: rod.pair(2 * a).into(),
