@@ -16,7 +16,7 @@ use crate::fit::robust::{range, scatter};
 use crate::fit::tails::f_quantile;
 
 /// Largest part of the observations that may be set aside.
-const MOST: f64 = 0.03;
+const MOST: f64 = 0.05;
 /// How much likelier outliers must be than the effects they would be taken for, nats.
 const CLEARLY: f64 = 3.0;
 

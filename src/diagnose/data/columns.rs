@@ -6,7 +6,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::data::{
-    ballbar, extend_time, known_effects, need, need_head_b_table_c, sites, thermal,
+    ballbar, extend_time, extend_times_soon, known_effects, need, need_head_b_table_c, sites,
+    thermal,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
@@ -300,6 +301,13 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
 }
 
 impl ColumnsExperiment {
+    /// The measured row at which the screw was about as warm as planned: the head is as warm then as it was.
+    fn warmed_as(&self, screw_c: Option<f64>) -> Option<usize> {
+        let rows = self.data.get("screw_c").iter().enumerate();
+        let away = |c: &f64| screw_c.map_or(0.0, |planned| (c - planned).abs());
+        rows.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map(|(row, _)| row)
+    }
+
     /// What a planned capture may set a column to: the axes or paths, both directions, or places over the measured range.
     fn settings(&self, name: &'static str) -> Vec<Setting> {
         let d = &self.data;
@@ -394,6 +402,8 @@ impl Experiment for ColumnsExperiment {
             let series = data.series_names.iter().position(named).unwrap_or(0);
             for (name, column) in &mut data.numbers {
                 match *name {
+                    // Burns are taken one by one; a path and a warm-up last as long as the plan.
+                    "t_s" if self.sort.series.is_empty() => {}
                     "t_s" => extend_time(column),
                     // Z stays linked to B, as the ball bar's own path has it.
                     "z_mm" => {
@@ -404,9 +414,15 @@ impl Experiment for ColumnsExperiment {
                 }
             }
             data.series.push(series);
+            let like = self.warmed_as(capture.number("screw_c"));
             for sensor in &mut data.head_c {
-                sensor.push(sensor.last().copied().unwrap_or(0.0));
+                sensor.push(like.and_then(|row| sensor.get(row)).copied().unwrap_or(0.0));
             }
+        }
+        if self.sort.series.is_empty()
+            && let Some(t_s) = data.numbers.get_mut("t_s")
+        {
+            extend_times_soon(t_s, plan.len());
         }
         let zeros = vec![vec![0.0; data.series.len()]; self.sort.outputs.len()];
         let layout = layout(&data, self.sort, &zeros);

@@ -51,11 +51,25 @@ pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<Untestable> {
     })
 }
 
+/// Time from one capture to the next.
+fn pace_s(t_s: &[f64]) -> f64 {
+    let (low, high) = crate::fit::robust::range(t_s);
+    (high - low) / t_s.len() as f64
+}
+
 /// Appends the time of a further capture, taken as long after the last as the captures follow each other.
 pub fn extend_time(t_s: &mut Vec<f64>) {
     if let Some(last) = t_s.iter().copied().reduce(f64::max) {
-        let (low, high) = crate::fit::robust::range(t_s);
-        t_s.push(last + (high - low) / t_s.len() as f64);
+        t_s.push(last + pace_s(t_s));
+    }
+}
+
+/// Appends the times of further captures of which a few will be taken right after the run: nothing is promised that only a longer
+/// time would show.
+pub fn extend_times_soon(t_s: &mut Vec<f64>, count: usize) {
+    if let Some(last) = t_s.iter().copied().reduce(f64::max) {
+        let pace_s = pace_s(t_s);
+        t_s.extend((1..=count).map(|k| last + pace_s * k as f64 / count as f64));
     }
 }
 

@@ -9,7 +9,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{extend_time, known_effects, need};
+use crate::diagnose::data::{extend_times_soon, known_effects, need};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
@@ -316,8 +316,8 @@ impl Experiment for RodExperiment {
             capture.extend("dir_x", &mut data.dir_x);
             capture.extend("dir_y", &mut data.dir_y);
             capture.extend("temp_c", &mut data.temp_c);
-            extend_time(&mut data.t_s);
         }
+        extend_times_soon(&mut data.t_s, plan.len());
         let c_deg: Vec<f64> = data.c_rad.iter().map(|c| data.c_sense * c.to_degrees()).collect();
         let mut layout = layout(&data, values, &c_deg);
         // Planned captures see the whole rim; their noise is the run's all the same.

@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{extend_time, need, need_head_b_table_c, sites};
+use crate::diagnose::data::{extend_times_soon, need, need_head_b_table_c, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::library;
 use crate::diagnose::effects::rtcp_pose::PoseError;
@@ -307,8 +307,8 @@ impl Experiment for RtcpExperiment {
             capture.extend("dir_b", &mut data.dir_b);
             capture.extend("dir_c", &mut data.dir_c);
             capture.extend("temp_c", &mut data.temp_c);
-            extend_time(&mut data.t_s);
         }
+        extend_times_soon(&mut data.t_s, plan.len());
         let zeros = vec![vec![0.0; data.b_deg.len()]; 3];
         let layout = layout(&data, &zeros, false);
         // The library stays the run's own: its forms and their order are what the model refers to.
