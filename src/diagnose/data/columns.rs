@@ -301,13 +301,6 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
 }
 
 impl ColumnsExperiment {
-    /// The measured row at which the screw was about as warm as planned: the head is as warm then as it was.
-    fn warmed_as(&self, screw_c: Option<f64>) -> Option<usize> {
-        let rows = self.data.get("screw_c").iter().enumerate();
-        let away = |c: &f64| screw_c.map_or(0.0, |planned| (c - planned).abs());
-        rows.min_by(|a, b| away(a.1).total_cmp(&away(b.1))).map(|(row, _)| row)
-    }
-
     /// What a planned capture may set a column to: the axes or paths, both directions, or places over the measured range.
     fn settings(&self, name: &'static str) -> Vec<Setting> {
         let d = &self.data;
@@ -414,9 +407,8 @@ impl Experiment for ColumnsExperiment {
                 }
             }
             data.series.push(series);
-            let like = self.warmed_as(capture.number("screw_c"));
             for sensor in &mut data.head_c {
-                sensor.push(like.and_then(|row| sensor.get(row)).copied().unwrap_or(0.0));
+                sensor.push(sensor.last().copied().unwrap_or(0.0));
             }
         }
         if self.sort.series.is_empty()
