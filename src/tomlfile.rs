@@ -119,6 +119,7 @@ mod tests {
     fn a_choice_with_options_is_asked_for_as_a_table() {
         #[derive(Debug, serde::Deserialize)]
         #[serde(rename_all = "lowercase")]
+        #[allow(dead_code)]
         enum Method {
             Burn(Small),
         }
