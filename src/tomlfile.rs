@@ -42,8 +42,8 @@ pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<
     let line = in_text.map_or_else(|| line_with(text, &field), |e| line_of(e.span()));
     let message = error.message();
     let reason = if message == "invalid type: unit variant, expected newtype variant" {
-        let at = line.and_then(|n| text.lines().nth(n as usize - 1)).unwrap_or("");
-        let choice = at.split_once('=').map_or("", |(_, v)| v.trim().trim_matches(['"', '\'']));
+        let written = toml::from_str::<toml::Table>(text).unwrap_or_default();
+        let choice = written.get(&field).and_then(toml::Value::as_str).unwrap_or("...");
         format!("is a table with options of its own: write [{field}.{choice}]")
     } else if let Some(length) = message.strip_suffix(", expected fewer elements in array") {
         format!("{length} is more than belongs there")
@@ -128,7 +128,8 @@ mod tests {
             #[serde(rename = "measure")]
             _measure: Method,
         }
-        let error = parse::<Job>("job.toml", "measure = \"burn\"\n").unwrap_err().to_string();
+        let error =
+            parse::<Job>("job.toml", "measure = \"burn\" # the test\n").unwrap_err().to_string();
         assert!(error.starts_with("job.toml:1: measure: is a table"), "{error}");
         assert!(error.contains("write [measure.burn]"), "{error}");
     }

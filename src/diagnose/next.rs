@@ -65,6 +65,7 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
         }
         _ => ", in random order",
     };
+    let comma = if order.is_empty() { "" } else { "," };
     let text = match (count, resolves) {
         (0, _) => format!("no capture of this kind tells them apart; {best}"),
         (_, true) => format!("add the {count} captures listed{order}; {best}"),
@@ -75,7 +76,7 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
             open.sort();
             open.dedup();
             format!(
-                "the {count} captures listed{order} help, but not to tell {}; {best}",
+                "the {count} captures listed{order}{comma} help, but not to tell {}; {best}",
                 open.join(", ")
             )
         }
@@ -94,7 +95,8 @@ fn in_order(
         picked.sort_unstable();
     }
     let mut list: Vec<PlannedCapture> = picked.into_iter().map(|p| proposals[p].clone()).collect();
-    let temperature = |c: &PlannedCapture| c.number("temp_c").unwrap_or(0.0);
+    let temperature =
+        |c: &PlannedCapture| c.number("temp_c").or(c.number("screw_c")).unwrap_or(0.0);
     list.sort_by(|a, b| temperature(a).total_cmp(&temperature(b)));
     list
 }

@@ -150,7 +150,10 @@ impl NextMeasurement {
 
     /// The captures as a CSV table, for `simulate` or the machine.
     pub fn csv(&self) -> String {
-        self.rows().iter().map(|row| row.join(",") + "\n").collect()
+        let mut writer = csv::Writer::from_writer(Vec::new());
+        // Writing to memory cannot fail.
+        self.rows().iter().for_each(|row| drop(writer.write_record(row)));
+        String::from_utf8(writer.into_inner().unwrap_or_default()).unwrap_or_default()
     }
 }
 

@@ -8,6 +8,8 @@ use crate::fit::Circle;
 
 /// Directions over which levels are averaged.
 const RAYS: usize = 48;
+/// Share of the directions that must lie in the picture.
+const LEAST_SEEN: f64 = 0.4;
 /// How far to both sides is looked, in steps and reduced pixels.
 const STEPS: usize = 40;
 const SIDES_PX: f64 = 8.0;
@@ -25,7 +27,11 @@ pub(crate) fn is_line(look: &Look, circle: Circle, widest: f64) -> bool {
     let mut levels = [0.0; STEPS + 1];
     for k in 1..=STEPS {
         let now = waves::levels(look, center, at(k), &around);
-        levels[k] = levels[k - 1] + waves::mean_step(&before, &now).0;
+        let (step, count) = waves::mean_step(&before, &now);
+        if count < LEAST_SEEN * RAYS as f64 {
+            return false;
+        }
+        levels[k] = levels[k - 1] + step;
         before = now;
     }
     let across = levels[STEPS];

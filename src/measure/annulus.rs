@@ -34,13 +34,20 @@ fn strength(c: &Candidate) -> f64 {
     (c.step.abs() * radius).sqrt() * c.coverage / (1.0 + 0.1 * c.scatter_px) / glow(c, 0.1)
 }
 
-/// Likely rings, best first, and lines after all others; of concentric edges the outermost strong one.
-pub(super) fn candidates(look: &Look, all: &[Candidate], least_radius_px: f64) -> Vec<Candidate> {
+/// Circles that may be rings, best first, and which of them are lines.
+pub(super) struct Rings {
+    /// All of them, lines last.
+    pub all: Vec<Candidate>,
+    /// How many are none.
+    pub zones: usize,
+}
+
+/// Likely rings; of concentric edges the outermost strong one, and no line unless the edge is one itself.
+pub(super) fn candidates(look: &Look, all: &[Candidate], least_radius_px: f64) -> Rings {
     let mut list: Vec<Candidate> =
         all.iter().filter(|c| c.circle.radius > least_radius_px).copied().collect();
     list.sort_by(|a, b| strength(b).total_cmp(&strength(a)));
-    let mut rings: Vec<Candidate> = Vec::new();
-    let mut lines: Vec<Candidate> = Vec::new();
+    let (mut rings, mut lines): (Vec<Candidate>, Vec<Candidate>) = Default::default();
     for c in list.iter().take(16) {
         let shares_center = |o: &&Candidate| shares_center(o, c);
         // A halo is much fainter than the ring it surrounds.
@@ -48,7 +55,7 @@ pub(super) fn candidates(look: &Look, all: &[Candidate], least_radius_px: f64) -
             .filter(|o| o.step * c.step > 0.0 && o.circle.radius > 0.6 * c.circle.radius)
             .map(|o| o.step.abs())
             .fold(0.0, f64::max);
-        let is_line = is_line(look, c);
+        let is_line = self::is_line(look, c);
         let outermost = (all.iter().filter(shares_center))
             .filter(|o| o.circle.radius > 0.6 * c.circle.radius)
             .filter(|o| o.step.abs() > HALO * strongest)
@@ -64,12 +71,13 @@ pub(super) fn candidates(look: &Look, all: &[Candidate], least_radius_px: f64) -
             list.push(*outermost);
         }
     }
+    let zones = rings.len();
     rings.extend(lines);
-    rings
+    Rings { all: rings, zones }
 }
 
 /// Whether a circle is no burn's ring but scribed or drawn.
-pub(super) fn is_line(look: &Look, c: &Candidate) -> bool {
+fn is_line(look: &Look, c: &Candidate) -> bool {
     /// Width in radii: a burn's zones are wider.
     const WIDEST: f64 = 0.04;
     find::is_line(look, c.circle, WIDEST)

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::annulus::{self, Flaw, HALO};
+use crate::measure::annulus::{self, Flaw, HALO, Rings};
 use crate::measure::bands::is_concentric;
 use crate::measure::dirt;
 use crate::measure::limits::is_steady;
@@ -43,7 +43,9 @@ pub(super) fn measure(
     }
     // Beside scales, holes and scratches a burn's edges may be lost among many: once more where a ring was seen.
     let mut found: Option<Marks> = None;
-    for near in tried.lone.iter().map(|ring| ring.circle.center).take(TRIES) {
+    let lone = tried.lone.iter().copied().chain(tried.line.iter().map(|(line, _)| *line));
+    let centers: Vec<_> = lone.map(|ring| ring.circle.center).take(TRIES).collect();
+    for near in centers {
         let nearer = Scene::new(frame, view, &look, Some(near));
         let (rings, mut again) = (nearer.rings(), Tried::default());
         let Some(marks) = nearer.seek(&rings, &mut again, subject)?.filter(|m| !is_dot(m)) else {
@@ -57,7 +59,7 @@ pub(super) fn measure(
             Some(_) => {}
         }
     }
-    found.ok_or_else(|| tried.error(subject))
+    found.or_else(|| tried.line_alone()).ok_or_else(|| tried.error(subject))
 }
 
 /// Whether the spot may be a chip in a hole, or dirt.
@@ -116,20 +118,22 @@ impl<'a> Scene<'a> {
         Self { frame, view, look, steady, is_chosen: near_px.is_some() }
     }
 
-    fn rings(&self) -> Vec<Candidate> {
+    fn rings(&self) -> Rings {
         annulus::candidates(self.look, &self.steady, 0.06 * longer_side(self.frame))
     }
 
-    /// The first of the rings with a spot; one whose spot may be dirt, or which is a line, only where no other has any.
+    /// The first of the rings with a spot; one whose spot may be dirt only where no other has any. Lines are put by.
     fn seek<'c>(
         &self,
-        rings: &'c [Candidate],
+        rings: &'c Rings,
         tried: &mut Tried<'c>,
         subject: &str,
     ) -> Result<Option<Marks>> {
         let mut dotted: Option<(&Candidate, Marks)> = None;
-        let mut lined: Option<(&Candidate, Marks)> = None;
-        for outer in rings.iter().take(TRIES) {
+        // A line is sharper than a pale burn, and comes last.
+        let (zones, lines) = rings.all.split_at(rings.zones);
+        let zones = zones.iter().take(TRIES).map(|c| (c, false));
+        for (outer, is_line) in zones.chain(lines.iter().take(TRIES).map(|c| (c, true))) {
             let is_known = |other: &Candidate| is_concentric(other, outer);
             if tried.rules_out(outer)
                 || tried.unclear.iter().any(|u| is_known(u))
@@ -137,9 +141,9 @@ impl<'a> Scene<'a> {
             {
                 continue;
             }
-            match self.attempt(outer, rings) {
-                Attempt::Both(marks) if annulus::is_line(self.look, outer) => {
-                    lined.get_or_insert((outer, *marks));
+            match self.attempt(outer, &rings.all) {
+                Attempt::Both(marks) if is_line => {
+                    tried.line.get_or_insert((outer, *marks));
                 }
                 Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
                 Attempt::Both(marks) => match &dotted {
@@ -173,9 +177,7 @@ impl<'a> Scene<'a> {
                 Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
             }
         }
-        let dotted = dotted.map(|(_, marks)| marks).filter(|_| tried.unclear.is_empty());
-        let lined = lined.filter(|(line, _)| !tried.has_burn_about(line)).map(|(_, marks)| marks);
-        Ok(dotted.or(lined))
+        Ok(dotted.map(|(_, marks)| marks).filter(|_| tried.unclear.is_empty()))
     }
 
     /// Looks for a spot in what may be one of the `rings`, and measures both.
@@ -264,6 +266,8 @@ struct Tried<'a> {
     lone: Vec<&'a Candidate>,
     /// Those with an unclear one.
     unclear: Vec<&'a Candidate>,
+    /// A line with a spot, which is the ring only where there is no burn.
+    line: Option<(&'a Candidate, Marks)>,
     /// Circles that are no rings.
     refused: Vec<&'a Candidate>,
     /// Lamps' reflections among them: what is seen in them is the lamp's.
@@ -287,6 +291,11 @@ impl<'a> Tried<'a> {
             Flaw::Other => {}
         }
         self.refused.push(c);
+    }
+
+    /// The line with a spot, where no burn lies about it.
+    fn line_alone(&mut self) -> Option<Marks> {
+        self.line.take().filter(|(line, _)| !self.has_burn_about(line)).map(|(_, marks)| marks)
     }
 
     /// Whether a ring without a usable spot lies within a line, or about it: then the line is not the burn's.

@@ -103,7 +103,7 @@ const THERMAL: Sort = Sort {
     outputs: &["error_mm"],
     series: "axis",
     // A screw warms up once, and all positions are measured meanwhile.
-    planned: &["screw_c", "axis", "position_mm"],
+    planned: &["screw_c", "position_mm"],
     widened: &[],
     library: effects::thermal::library,
     predict: thermal::predict,
@@ -112,7 +112,7 @@ const BALLBAR: Sort = Sort {
     kind: DataKind::Ballbar,
     outputs: &["length_mm"],
     series: "path",
-    planned: &["path", "dir", "b_deg"],
+    planned: &["dir", "b_deg"],
     widened: &[],
     library: effects::ballbar::library,
     predict: ballbar::predict,
@@ -301,21 +301,44 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
 }
 
 impl ColumnsExperiment {
-    /// What a planned capture may set a column to: the axes or paths, both directions, or places over the measured range.
-    fn settings(&self, name: &'static str) -> Vec<Setting> {
-        let d = &self.data;
-        if name == self.sort.series {
-            let several = d.series_names.iter().filter(|_| d.series_names.len() > 1);
-            return several.cloned().map(Setting::Name).collect();
+    /// Captures that could be taken of one axis or path, which is named where it is not alone.
+    fn proposals_of(&self, series: usize, alone: bool) -> Vec<PlannedCapture> {
+        let mut first = PlannedCapture::default();
+        if let Some(name) = self.data.series_names.get(series).filter(|_| !alone) {
+            first.0.insert(self.sort.series, Setting::Name(name.clone()));
         }
+        let mut list = vec![first];
+        for &name in self.sort.planned {
+            let values = self.settings(name, series);
+            if values.is_empty() {
+                continue;
+            }
+            let with = |capture: &PlannedCapture| {
+                let mut set: Vec<PlannedCapture> =
+                    values.iter().map(|v| capture.clone().with(name, *v)).collect();
+                // A path goes back the other way round.
+                if capture.number("dir") == Some(-1.0) {
+                    set.reverse();
+                }
+                set
+            };
+            list = list.iter().flat_map(with).collect();
+        }
+        list
+    }
+
+    /// What a planned capture of an axis or path may set a column to: both directions, or places over its measured range.
+    fn settings(&self, name: &str, series: usize) -> Vec<f64> {
+        let d = &self.data;
         let column = d.get(name);
         if column.is_empty() {
             return Vec::new();
         }
         if name == "dir" {
-            return [1.0, -1.0].map(Setting::Number).to_vec();
+            return vec![1.0, -1.0];
         }
-        let (mut low, mut high) = range(column);
+        let own: Vec<f64> = d.rows_of(series).into_iter().map(|row| column[row]).collect();
+        let (mut low, mut high) = range(if own.is_empty() { column } else { &own });
         if name == "b_deg" {
             // What B can do on one side it can do on the other.
             high = high.max(-low);
@@ -327,7 +350,7 @@ impl ColumnsExperiment {
         }
         let count = if high > low { PLANNED_STEPS } else { 1 };
         let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
-        (0..count).map(|k| Setting::Number(at(k))).collect()
+        (0..count).map(at).collect()
     }
 }
 
@@ -369,22 +392,10 @@ impl Experiment for ColumnsExperiment {
     }
 
     fn proposals(&self) -> Vec<PlannedCapture> {
-        let mut list = vec![PlannedCapture::default()];
-        for &name in self.sort.planned {
-            let settings = self.settings(name);
-            if !settings.is_empty() {
-                let with = |capture: &PlannedCapture| {
-                    let set = |setting: &Setting| {
-                        let mut capture = capture.clone();
-                        capture.0.insert(name, setting.clone());
-                        capture
-                    };
-                    settings.iter().map(set).collect::<Vec<_>>()
-                };
-                list = list.iter().flat_map(with).collect();
-            }
-        }
-        list
+        // Each axis or path within what it was measured over itself.
+        let names = &self.data.series_names;
+        let alone = names.len() < 2;
+        (0..names.len().max(1)).flat_map(|series| self.proposals_of(series, alone)).collect()
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
