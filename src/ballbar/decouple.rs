@@ -40,7 +40,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     let derivative = problem.derivative();
     let nothing = DVector::zeros(sight.rank);
     let solved = least_squares::solve(nothing.clone(), least_squares::Options::default(), |z| {
-        (problem.residuals(z), derivative.clone())
+        (problem.residuals(z), || derivative.clone())
     });
     let measured = problem.residuals(&nothing);
     let errors = problem.errors(solved.parameters.as_slice());

@@ -97,7 +97,7 @@ pub(super) fn solve(
                 j[(row, 6 + k)] = -1.0;
             }
         }
-        (r, j)
+        (r, || j)
     };
     let options = least_squares::Options { rank_tolerance: 1e-7, ..Default::default() };
     let solution = least_squares::solve(start, options, model);

@@ -1,5 +1,7 @@
 //! The joint exact fit: baseline, named effects and extra terms together, with the noise re-estimated.
 
+use std::cell::RefCell;
+
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::algebra::orthonormal;
@@ -75,6 +77,13 @@ pub struct Fitted {
     pub covariance: DMatrix<f64>,
     /// Number of free parameters the data determine.
     pub rank: usize,
+}
+
+/// A model with what it leaves and d(prediction)/d(free parameter).
+struct Linear {
+    model: Model,
+    residual: Vec<f64>,
+    tangent: DMatrix<f64>,
 }
 
 /// A step that lowers χ² by less moves no parameter by more than a thousandth of its standard error.
@@ -212,29 +221,24 @@ impl Fitter<'_> {
 
     /// Exact joint fit with the noise re-estimated; `noise` is where the search starts.
     pub fn fit(&self, model: Model, noise: Option<&Noise>) -> Fitted {
-        let start = noise.cloned().unwrap_or_else(|| self.first_noise(&model));
-        let (model, residual, tangent, noise) = self.fit_once(model, &start, MOST_STEPS);
+        let first = self.linearise(model);
+        let start = noise.cloned().unwrap_or_else(|| self.first_noise(&first));
+        let (found, noise) = self.fit_once(first, &start, MOST_STEPS);
         // Where the weights were those of this noise, once is enough.
-        let (model, residual, tangent, noise) = match noise.weighs_as(&start) {
-            true => (model, residual, tangent, noise),
-            false => self.fit_once(model, &noise, MORE_STEPS),
+        let (found, noise) = match noise.weighs_as(&start) {
+            true => (found, noise),
+            false => self.fit_once(found, &noise, MORE_STEPS),
         };
-        self.finish(model, residual, tangent, noise)
+        self.finish(found, noise)
     }
 
-    /// The model fitted with this noise, its residual and tangent, and the noise that they show.
-    fn fit_once(
-        &self,
-        model: Model,
-        noise: &Noise,
-        steps: usize,
-    ) -> (Model, Vec<f64>, DMatrix<f64>, Noise) {
-        let model = self.minimise(model, noise, steps);
-        let (residual, tangent) = self.linearise(&model);
-        let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
-        let [tangents, column] = [&tangent, &column].map(|c| self.space.split(c));
+    /// The model fitted with this noise, and the noise that it shows.
+    fn fit_once(&self, start: Linear, noise: &Noise, steps: usize) -> (Linear, Noise) {
+        let found = self.minimise(start, noise, steps);
+        let column = DMatrix::from_column_slice(found.residual.len(), 1, &found.residual);
+        let [tangents, column] = [&found.tangent, &column].map(|c| self.space.split(c));
         let seen = self.space.estimate(&tangents, &column, self.given_mm, Some(noise));
-        (model, residual, tangent, seen)
+        (found, seen)
     }
 
     /// ln likelihood of a fitted model with its noise, but for a constant.
@@ -248,29 +252,23 @@ impl Fitter<'_> {
         self.whiten(&DMatrix::from_column_slice(f.residual.len(), 1, &f.residual), noise)
     }
 
-    fn linearise(&self, model: &Model) -> (Vec<f64>, DMatrix<f64>) {
-        let predicted = self.predict(model);
-        let tangent = self.tangent(model, &predicted);
-        (self.residual(&predicted), tangent)
+    fn linearise(&self, model: Model) -> Linear {
+        let predicted = self.predict(&model);
+        let tangent = self.tangent(&model, &predicted);
+        Linear { residual: self.residual(&predicted), tangent, model }
     }
 
-    fn finish(
-        &self,
-        model: Model,
-        residual: Vec<f64>,
-        tangent: DMatrix<f64>,
-        noise: Noise,
-    ) -> Fitted {
+    fn finish(&self, found: Linear, noise: Noise) -> Fitted {
+        let Linear { model, residual, tangent } = found;
         let white = self.whiten(&tangent, &noise);
         let (covariance, rank) = least_squares::covariance(&white, 1e-9);
         Fitted { model, residual, tangent, noise, covariance, rank }
     }
 
     /// Noise about a model that has not been fitted yet.
-    fn first_noise(&self, model: &Model) -> Noise {
-        let (residual, tangent) = self.linearise(model);
-        let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
-        let tangent = self.space.split(&tangent);
+    fn first_noise(&self, first: &Linear) -> Noise {
+        let column = DMatrix::from_column_slice(first.residual.len(), 1, &first.residual);
+        let tangent = self.space.split(&first.tangent);
         let mut y = self.space.split(&column);
         // The start is taken out linearly: it may be far from the data.
         let basis = orthonormal(&tangent, 1e-9);
@@ -278,20 +276,46 @@ impl Fitter<'_> {
         self.space.estimate(&tangent, &y, self.given_mm, None)
     }
 
-    fn minimise(&self, model: Model, noise: &Noise, max_steps: usize) -> Model {
-        let start = DVector::from_vec(self.free(&model));
+    fn minimise(&self, first: Linear, noise: &Noise, max_steps: usize) -> Linear {
+        let start = DVector::from_vec(self.free(&first.model));
         if start.is_empty() {
-            return model;
+            return first;
         }
         let options =
             least_squares::Options { max_steps, least_drop: LEAST_DROP, ..Default::default() };
+        let white = |residual: &[f64]| {
+            let column = DMatrix::from_column_slice(residual.len(), 1, residual);
+            self.whiten(&column, noise).column(0).into_owned()
+        };
+        let template = first.model.clone();
+        // A tangent costs a prediction a parameter: the last one asked for, which is the solution's, is kept with its place.
+        let last = RefCell::new((start.clone(), first));
+        let kept = &last;
         let solution = least_squares::solve(start, options, |p| {
-            let trial = self.with_free(&model, p.as_slice());
-            let (residual, tangent) = self.linearise(&trial);
-            let column = DMatrix::from_column_slice(residual.len(), 1, &residual);
-            let r = self.whiten(&column, noise).column(0).into_owned();
-            (r, -self.whiten(&tangent, noise))
+            let place = p.clone();
+            let trial = (kept.borrow().0 != place).then(|| {
+                let model = self.with_free(&template, place.as_slice());
+                let predicted = self.predict(&model);
+                (self.residual(&predicted), predicted, model)
+            });
+            let white = match &trial {
+                Some((residual, ..)) => white(residual),
+                None => white(&kept.borrow().1.residual),
+            };
+            let jacobian = move || {
+                if let Some((residual, predicted, model)) = trial {
+                    let tangent = self.tangent(&model, &predicted);
+                    kept.replace((place, Linear { model, residual, tangent }));
+                }
+                -self.whiten(&kept.borrow().1.tangent, noise)
+            };
+            (white, jacobian)
         });
-        self.with_free(&model, solution.parameters.as_slice())
+        let (place, found) = last.into_inner();
+        if place == solution.parameters {
+            return found;
+        }
+        // The last tangent was no number, and its step not taken.
+        self.linearise(self.with_free(&template, solution.parameters.as_slice()))
     }
 }

@@ -59,15 +59,16 @@ pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
     if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
 }
 
-/// Minimises |r(p)|² from `start`. `model` returns residuals and their Jacobian, both already divided by the
-/// standard deviations. Non-finite values end the search at the last good point.
-pub fn solve(
+/// Minimises |r(p)|² from `start`. `model` returns residuals and what makes their Jacobian, both already divided by the
+/// standard deviations; the Jacobian is asked for only where a step is taken. Non-finite values end the search at the last good point.
+pub fn solve<J: FnOnce() -> DMatrix<f64>>(
     start: DVector<f64>,
     options: Options,
-    mut model: impl FnMut(&DVector<f64>) -> (DVector<f64>, DMatrix<f64>),
+    mut model: impl FnMut(&DVector<f64>) -> (DVector<f64>, J),
 ) -> Solution {
     let mut parameters = start;
-    let (mut residuals, mut jacobian) = model(&parameters);
+    let (mut residuals, at_start) = model(&parameters);
+    let mut jacobian = at_start();
     let mut damping = 1e-6;
     let mut converged = false;
     for _ in 0..options.max_steps {
@@ -93,11 +94,12 @@ pub fn solve(
             }
             let step = scaled_step.component_div(&scale);
             let trial = &parameters + &step;
-            let (trial_residuals, trial_jacobian) = model(&trial);
+            let (trial_residuals, at_trial) = model(&trial);
             let before = residuals.norm_squared();
             let after = trial_residuals.norm_squared();
-            if after.is_finite() && after <= before && trial_jacobian.iter().all(|v| v.is_finite())
-            {
+            let lower = after.is_finite() && after <= before;
+            let trial_jacobian = lower.then(at_trial).filter(|j| j.iter().all(|v| v.is_finite()));
+            if let Some(trial_jacobian) = trial_jacobian {
                 let small = step.iter().zip(trial.iter()).all(|(s, p)| {
                     s.abs() <= options.relative_step * (p.abs() + options.relative_step)
                 });
@@ -188,7 +190,7 @@ mod tests {
                 let e = (-p[1] * x[i]).exp();
                 if c == 0 { 1.0 - e } else { p[0] * x[i] * e }
             });
-            (r, j)
+            (r, || j)
         };
         for start in [[500.0, 1e-4], [250.0, 5e-4]] {
             let s = solve(DVector::from_row_slice(&start), Options::default(), model);
@@ -207,7 +209,7 @@ mod tests {
     fn an_undetermined_direction_lowers_the_rank() {
         let model = |p: &DVector<f64>| {
             let r = DVector::from_fn(3, |i, _| p[0] + p[1] - i as f64);
-            (r, DMatrix::from_element(3, 2, 1.0))
+            (r, || DMatrix::from_element(3, 2, 1.0))
         };
         let s = solve(DVector::zeros(2), Options::default(), model);
         assert_eq!(s.rank, 1);

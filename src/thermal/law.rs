@@ -67,7 +67,7 @@ impl Law<'_> {
                 }
                 residuals[row] = (model - point.error_mm) / self.noise;
             }
-            (residuals, jacobian)
+            (residuals, || jacobian)
         });
         let mut covariance = [[0.0; 3]; 3];
         for (a, &i) in free.iter().enumerate() {

@@ -6,7 +6,7 @@ mod sense;
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Complex, Vector2};
 
 use crate::camera::{Calibration, View};
 use crate::diagnose::data::{extend_times_soon, known_effects, need};
@@ -48,6 +48,8 @@ pub struct Rod {
     points: Vec<Vector2<f64>>,
     /// Where the rod is looked at from: a fixed point near its centre.
     pole: Vector2<f64>,
+    /// Unit vectors from there to the points.
+    ways: Vec<Vector2<f64>>,
 }
 
 impl Rod {
@@ -125,41 +127,42 @@ impl Rod {
         (own - shortened) / (1.0 - tilt.dot(&own))
     }
 
-    /// Distance from the pole at which the edge should be seen, in the direction of point `i`.
-    fn predicted(&self, i: usize, centre: Vector2<f64>, radius: f64, e: &CaptureError) -> f64 {
-        let g = self.capture[i];
+    /// Where a capture sees a circle of that centre and radius, with its errors.
+    fn rim<'a>(&self, g: usize, centre: Vector2<f64>, radius: f64, e: &'a CaptureError) -> Rim<'a> {
+        let seen = centre + e.centre - e.place;
         let c = self.c_rad.get(g).copied().unwrap_or(0.0);
+        let turned = |(order, a, b): &(u32, f64, f64)| {
+            let (s, co) = (f64::from(*order) * c).sin_cos();
+            (*order, a * co - b * s, a * s + b * co)
+        };
+        Rim {
+            from_pole: seen - self.pole,
+            from_frame: seen - self.place[g],
+            radius: radius + e.radius,
+            lobes: e.lobes.iter().map(turned).collect(),
+            camera: (e.camera != CameraError::default()).then_some(&e.camera),
+        }
+    }
+
+    /// Distance from the pole at which the edge should be seen, in that direction.
+    fn predicted(&self, wanted: Vector2<f64>, rim: &Rim) -> f64 {
         /// So near the direction the edge is as straight as its tangent, mm: over this it leaves it by less than a nanometre.
         const NEAR_MM: f64 = 1e-4;
-        let wanted = (self.points[i] - self.pole).normalize();
         // Where the plain circle is seen in this direction.
-        let from_pole = centre + e.centre - e.place - self.pole;
-        let (r, aside) = (radius + e.radius, wanted.perp(&from_pole));
+        let (r, aside) = (rim.radius, wanted.perp(&rim.from_pole));
         let reach = (r * r - aside * aside).max(0.0).sqrt();
-        let is_seen_true = e.camera == CameraError::default();
-        if is_seen_true && e.lobes.is_empty() {
-            return wanted.dot(&from_pole) + reach;
+        if rim.camera.is_none() && rim.lobes.is_empty() {
+            return wanted.dot(&rim.from_pole) + reach;
         }
         let square = Vector2::new(-wanted.y, wanted.x);
         let mut n = (wanted * reach - square * aside) / r;
-        let mut at = from_pole;
+        let mut at = rim.from_pole;
         // The point of the real edge that is seen there: each round leaves a thousandth of the error.
         for _ in 0..3 {
-            let lobes: f64 = if e.lobes.is_empty() {
-                0.0
-            } else {
-                let angle = n.y.atan2(n.x);
-                let lobe = |(k, a, b): &(f64, f64, f64)| {
-                    let (s, co) = (k * (angle - c)).sin_cos();
-                    a * co + b * s
-                };
-                e.lobes.iter().map(lobe).sum()
-            };
-            let edge = centre + e.centre + n * (radius + e.radius + lobes);
-            let w = edge - self.place[g] - e.place;
-            at = edge - e.place - self.pole;
-            if !is_seen_true {
-                at += self.camera_shift(&e.camera, w, n);
+            let out = n * (r + rim.lobes_mm(n));
+            at = rim.from_pole + out;
+            if let Some(camera) = rim.camera {
+                at += self.camera_shift(camera, rim.from_frame + out, n);
             }
             let miss_mm = wanted.perp(&at);
             if miss_mm.abs() < NEAR_MM {
@@ -169,6 +172,29 @@ impl Rod {
             n = Vector2::new(n.x + miss * n.y, n.y - miss * n.x).normalize();
         }
         at.dot(&n) / wanted.dot(&n)
+    }
+}
+
+/// The rod's rim as one capture sees it.
+struct Rim<'a> {
+    /// Its centre as seen from the pole, and from the frame's middle.
+    from_pole: Vector2<f64>,
+    from_frame: Vector2<f64>,
+    radius: f64,
+    /// Order, cosine and sine over the direction from the centre.
+    lobes: Vec<(u32, f64, f64)>,
+    /// What the camera gets wrong, if anything.
+    camera: Option<&'a CameraError>,
+}
+
+impl Rim<'_> {
+    /// How far the rim lies beyond its radius in a direction.
+    fn lobes_mm(&self, n: Vector2<f64>) -> f64 {
+        let lobe = |(order, a, b): &(u32, f64, f64)| {
+            let wave = Complex::new(n.x, n.y).powu(*order);
+            a * wave.re + b * wave.im
+        };
+        self.lobes.iter().map(lobe).sum()
     }
 }
 
@@ -252,16 +278,18 @@ impl Experiment for RodExperiment {
         let all = [self.known.as_slice(), active].concat();
         let errors = self.library.errors(&self.data, captures, &all);
         let centre = Vector2::new(nuisances[0], nuisances[1]);
-        (0..self.data.points.len())
-            .map(|i| self.data.predicted(i, centre, nuisances[2], &errors[self.data.capture[i]]))
+        let rims: Vec<Rim> = (errors.iter().enumerate())
+            .map(|(g, e)| self.data.rim(g, centre, nuisances[2], e))
+            .collect();
+        (self.data.capture.iter().zip(&self.data.ways))
+            .map(|(g, way)| self.data.predicted(*way, &rims[*g]))
             .collect()
     }
 
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
         let d = &self.data;
         let pixels = predicted.iter().enumerate().map(|(i, distance)| {
-            let direction = (d.points[i] - d.pole).normalize();
-            d.view.to_pixel(d.pole + direction * *distance - d.place[d.capture[i]])
+            d.view.to_pixel(d.pole + d.ways[i] * *distance - d.place[d.capture[i]])
         });
         let (u, v): (Vec<f64>, Vec<f64>) = pixels.map(|p| (p.x, p.y)).unzip();
         vec![("u_px", u), ("v_px", v)]
@@ -305,6 +333,7 @@ impl Experiment for RodExperiment {
             for k in 0..PLANNED_POINTS {
                 let (s, c) = (f64::from(k) / f64::from(PLANNED_POINTS) * TAU).sin_cos();
                 data.points.push(data.pole + Vector2::new(c, s) * radius);
+                data.ways.push(Vector2::new(c, s));
                 data.capture.push(data.place.len());
                 values.push(radius);
             }

@@ -23,7 +23,7 @@ pub struct CaptureError {
     /// Growth of the radius.
     pub radius: f64,
     /// Lobes: (order, cosine, sine), turning with C.
-    pub lobes: Vec<(f64, f64, f64)>,
+    pub lobes: Vec<(u32, f64, f64)>,
     /// What the camera gets wrong.
     pub camera: CameraError,
 }
@@ -194,8 +194,8 @@ fn rod_shape(l: &mut L, data: &Rod) {
         },
     );
     for (name, order, meaning) in [
-        ("rod-oval", 2.0, "the rod is oval: two lobes that turn with C"),
-        ("rod-three-lobe", 3.0, "the rod has three lobes that turn with C"),
+        ("rod-oval", 2, "the rod is oval: two lobes that turn with C"),
+        ("rod-three-lobe", 3, "the rod has three lobes that turn with C"),
     ] {
         l.effect(
             words(name, meaning, "the radius round the edge, turning with C", IRREGULAR),

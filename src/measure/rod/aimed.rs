@@ -150,7 +150,7 @@ fn circles(points: &[RimPoint], c_deg: &[f64], angle_of: &[usize]) -> Result<Sol
             jacobian[(row, 2 * a + 1)] = toward.y;
             jacobian[(row, 2 * angles)] = -1.0;
         }
-        (left, jacobian)
+        (left, || jacobian)
     });
     if solved.rank < solved.parameters.len() || !solved.converged {
         let fix = "aim at points well apart all round the rim";
