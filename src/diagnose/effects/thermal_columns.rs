@@ -121,20 +121,56 @@ pub fn heating(data: &Columns) -> Vec<f64> {
     out
 }
 
-/// The first sensor whose reading stops changing for at least a tenth of the run; one that never changed at all has not stopped.
+/// The sensor whose reading stops changing first, for at least a tenth of the run, while others or the screw go on. One that never changed
+/// at all has not stopped, nor has one that has come to rest where it began.
 pub fn dead_sensor(data: &Columns) -> Option<usize> {
-    (0..data.head_c.len()).find(|&sensor| {
-        let rows = data.series.len();
-        let stuck = gone(data, sensor).iter().filter(|g| **g > 0.0).count();
-        stuck > (rows / 10).max(5) && stuck < rows
-    })
+    let rows = data.series.len();
+    let stuck = |sensor: usize| gone(data, sensor).iter().filter(|g| **g > 0.0).count();
+    (0..data.head_c.len())
+        .map(|sensor| (stuck(sensor), sensor))
+        .filter(|(stuck, _)| *stuck > (rows / 10).max(5) && *stuck < rows)
+        .filter(|(_, sensor)| !rests(data, *sensor) && others_go_on(data, *sensor))
+        .max_by_key(|(stuck, sensor)| (*stuck, std::cmp::Reverse(*sensor)))
+        .map(|(_, sensor)| sensor)
+}
+
+/// Whether a reading that no longer changes has come, step by step, to where it was at first.
+fn rests(data: &Columns, sensor: usize) -> bool {
+    /// Parts of its range that count as the same place, and as a step.
+    const SAME: f64 = 0.02;
+    const STEP: f64 = 0.2;
+    let readings: Vec<f64> = in_time(data).into_iter().map(|r| data.head_c[sensor][r]).collect();
+    let (low, high) = range(&readings);
+    let (Some(first), Some(last)) = (readings.first(), readings.last()) else { return false };
+    let before = readings.iter().rfind(|v| *v != last).unwrap_or(last);
+    (last - first).abs() < SAME * (high - low) && (last - before).abs() < STEP * (high - low)
+}
+
+/// Whether another sensor or the screw still changes while a sensor's reading no longer does.
+fn others_go_on(data: &Columns, sensor: usize) -> bool {
+    /// By this part of its range.
+    const GOES_ON: f64 = 0.1;
+    let gone = gone(data, sensor);
+    let goes_on = |column: &[f64]| {
+        let later = column.iter().zip(&gone).filter(|(_, g)| **g > 0.0).map(|(v, _)| *v);
+        let (all, later) = (range(column), range(&later.collect::<Vec<f64>>()));
+        later.1 - later.0 > GOES_ON * (all.1 - all.0)
+    };
+    let others = (0..data.head_c.len()).filter(|o| *o != sensor).map(|o| &data.head_c[o][..]);
+    others.chain([data.get("screw_c")]).any(goes_on)
+}
+
+/// Rows in the order of time.
+fn in_time(data: &Columns) -> Vec<usize> {
+    let t = data.get("t_s");
+    let mut order: Vec<usize> = (0..t.len()).collect();
+    order.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
+    order
 }
 
 /// 1 from when on a sensor's reading no longer changes, 0 before.
 pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
-    let (t, column) = (data.get("t_s"), &data.head_c[sensor]);
-    let mut order: Vec<usize> = (0..column.len()).collect();
-    order.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
+    let (order, column) = (in_time(data), &data.head_c[sensor]);
     let last = order.last().map_or(0.0, |row| column[*row]);
     let changes = order.iter().rposition(|row| column[*row] != last);
     let mut out = vec![0.0; column.len()];
