@@ -189,3 +189,73 @@ fn stopped_sensors_and_pairs_have_their_names() {
     let names: Vec<_> = pair["effects"].as_array().into_iter().flatten().collect();
     assert!(names.len() == 2 && names.iter().any(|e| e["name"] == "position-quadratic"));
 }
+
+/// Sweeps far apart in time of a screw that turns between them, and beside its plateau hardly moves: which way it goes is told by the
+/// readings of a sweep or by the sweep next to it, not by those hours before.
+#[test]
+fn a_hysteresis_is_named_where_sweeps_are_few_and_the_screw_turns_between_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    // What the screw tends to, and from when on.
+    let tends = [(0.0, 7.0), (6200.0, 5.5), (9300.0, 7.0), (11_000.0, 0.0)];
+    let screw = |t: f64| {
+        let mut now = 0.0;
+        for (i, (from, to)) in tends.iter().enumerate().take_while(|(_, (from, _))| *from <= t) {
+            let until = tends.get(i + 1).map_or(t, |next| next.0.min(t));
+            now = to + (now - to) * (-(until - from) / 2600.0).exp();
+        }
+        now
+    };
+    let mut normal = normal();
+    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+    let starts = [
+        0.0, 890.0, 7060.0, 7740.0, 9600.0, 10_120.0, 12_170.0, 12_790.0, 13_700.0, 14_560.0,
+        15_260.0, 17_380.0, 17_870.0, 19_130.0,
+    ];
+    for start in starts {
+        for step in 0..6 {
+            let (t, place) = (start + 8.0 * f64::from(step), 120.0 * f64::from(step));
+            let way = (screw(t + 1.0) - screw(t)).signum();
+            let head = 9.0 * (t / 4000.0).sin().abs();
+            let error = 0.003 * head + 9e-6 * screw(t) * place + 0.004 * way + 0.001 * normal();
+            writeln!(csv, "{t},x,{place},{error:.6},{:.2},{head:.2}", 20.0 + screw(t)).unwrap();
+        }
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = diagnose("thermal", folder);
+    let effects = report["effects"].as_array().unwrap();
+    assert_eq!((effects.len(), &report["verdict"]), (1, &"named".into()), "{effects:#?}");
+    assert!(class(&report).contains(&"heating-hysteresis"), "{effects:#?}");
+}
+
+/// Of two sensors the one that stopped is dead, not the one that has cooled down and rests; and where nothing but rest is seen, none is.
+#[test]
+fn a_sensor_that_has_come_to_rest_is_not_dead() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    for stops in [true, false] {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+        for k in 0..50 {
+            let t = 400.0 * f64::from(k);
+            let warm = |t: f64, after: f64| {
+                let up = 1.0 - (-t.min(5000.0) / after).exp();
+                up * (-(t - 5000.0).max(0.0) / after).exp()
+            };
+            let (fast, slow) = (6.0 * warm(t, 500.0), 4.0 * warm(t, 2500.0));
+            let read = if stops { 4.0 * warm(t.min(6000.0), 2500.0) } else { slow };
+            let screw = 20.0 + 5.0 * warm(t, 4000.0);
+            for place in [0.0, 300.0, 600.0] {
+                let error = 0.002 * fast + 0.004 * slow + 0.001 * normal();
+                writeln!(csv, "{t},x,{place},{error:.6},{screw:.2},{fast:.2},{read:.2}").unwrap();
+            }
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let report = diagnose("thermal", folder);
+        let warnings = report["warnings"].to_string();
+        assert!(!warnings.contains("head_1_c no longer"), "{warnings}");
+        assert_eq!(warnings.contains("head_2_c no longer"), stops, "{warnings}");
+    }
+}

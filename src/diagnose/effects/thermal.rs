@@ -6,7 +6,7 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, above_zero, ambient_from, dead_sensor, first_gone_s, gone, hats, heating, metres,
+    Column, above_zero, ambient_from, dead_sensor, first_gone_s, goes, gone, hats, heating, metres,
     metres_from, middle, missed, risen, rises, softly, times, went,
 };
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
@@ -231,7 +231,6 @@ fn heating_hysteresis(l: &mut L, data: &Columns, axes: &[String]) {
         data.needs(&["screw_c"]),
     );
     // The way the temperature goes, or (it matters at the turns, where readings are few) the way it came.
-    let goes = |data: &Columns| -> Column { heating(data).iter().map(|r| r.signum()).collect() };
     for (came, sign) in [("", goes as fn(&Columns) -> Column), ("came_", went)] {
         let named = |name: &str, typical| one(format!("{came}{name}"), typical);
         form(l, axes, &[named("half_width_mm", 0.01)], None, move |data, _| vec![sign(data)]);

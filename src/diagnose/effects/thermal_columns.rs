@@ -108,6 +108,20 @@ pub fn softly(rates: &[f64]) -> Vec<f64> {
     rates.iter().map(|rate| (2.0 * rate / usual.max(1e-300)).tanh()).collect()
 }
 
+/// Whether each row's screw warms up (1) or cools down (-1): as the readings about it show, or where those are too few or too much alike,
+/// as it comes from those before or goes to those after, whichever are much nearer; else from the ones to the others.
+pub fn goes(data: &Columns) -> Vec<f64> {
+    let mut out: Vec<f64> = heating(data).iter().map(|rate| rate.signum()).collect();
+    for axis in 0..data.series_names.len() {
+        let rows = data.rows_of(axis);
+        let of = |name: &str| rows.iter().map(|r| data.get(name)[*r]).collect::<Vec<f64>>();
+        for (row, way) in rows.iter().zip(ways(&of("t_s"), &of("screw_c"))) {
+            out[*row] = way.unwrap_or(out[*row]);
+        }
+    }
+    out
+}
+
 /// How fast each row's screw warms up, °C per second.
 pub fn heating(data: &Columns) -> Vec<f64> {
     let mut out = vec![0.0; data.series.len()];
@@ -236,6 +250,62 @@ pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
 /// The product of two columns.
 pub fn times(a: &[f64], b: &[f64]) -> Column {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
+}
+
+/// The way each of some values goes (1 or -1); `None` where neither the readings about it tell, less than a sixtieth of the run away,
+/// nor those next before or after, one of which is much nearer.
+fn ways(times_s: &[f64], values: &[f64]) -> Vec<Option<f64>> {
+    /// Times as far away as the nearer ones.
+    const MUCH: f64 = 2.0;
+    let (first, last) = range(times_s);
+    let apart = (last - first) / 60.0;
+    let mut sorted: Vec<f64> = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let steps = sorted.windows(2).map(|w| w[1] - w[0]).filter(|step| *step > 1e-9);
+    let rounded_sd = steps.fold(f64::INFINITY, f64::min) / 12.0f64.sqrt();
+    let from_sides = |i: usize| {
+        let far = |side: f64| {
+            let away = (0..times_s.len()).map(|k| (side * (times_s[k] - times_s[i]), values[k]));
+            away.filter(|(dt, _)| *dt >= apart).min_by(|a, b| a.0.total_cmp(&b.0))
+        };
+        let (before, after) = (far(-1.0), far(1.0));
+        let gap = |side: Option<(f64, f64)>| side.map_or(f64::INFINITY, |(dt, _)| dt);
+        let change = if MUCH * gap(before) < gap(after) {
+            values[i] - before?.1
+        } else if MUCH * gap(after) < gap(before) {
+            after?.1 - values[i]
+        } else {
+            return None;
+        };
+        (change != 0.0).then_some(change.signum())
+    };
+    (0..times_s.len())
+        .map(|i| {
+            let near = (0..times_s.len()).filter(|k| (times_s[*k] - times_s[i]).abs() < apart);
+            let near: Vec<[f64; 2]> = near.map(|k| [times_s[k], values[k]]).collect();
+            way_along(&near, rounded_sd).or_else(|| from_sides(i))
+        })
+        .collect()
+}
+
+/// The sign of the slope of a line through points, where it is clear; `least_sd` is how well values are known at best.
+fn way_along(points: &[[f64; 2]], least_sd: f64) -> Option<f64> {
+    /// Points that make a line at least, and standard errors that its slope must have.
+    const FEWEST: usize = 4;
+    const CLEAR: f64 = 3.0;
+    if points.len() < FEWEST {
+        return None;
+    }
+    let n = points.len() as f64;
+    let mean = |axis: usize| points.iter().map(|p| p[axis]).sum::<f64>() / n;
+    let middle = [mean(0), mean(1)];
+    let product = |a: usize, b: usize| -> f64 {
+        points.iter().map(|p| (p[a] - middle[a]) * (p[b] - middle[b])).sum()
+    };
+    let (tt, tv) = (product(0, 0), product(0, 1));
+    let left = (product(1, 1) - tv * tv / tt).max(0.0) / (n - 2.0);
+    let clear = tv.abs() > CLEAR * left.sqrt().max(least_sd) * tt.sqrt();
+    clear.then_some(tv.signum())
 }
 
 /// Slope of values in time, from the readings before to those after, a sixtieth of the run away at least: rows taken at
