@@ -99,7 +99,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         })?;
         let list = plan(&source, experiment.as_ref(), noise_mm)?;
         let table = plan_table(&list);
-        let planned = Planned { kind: experiment.kind().into(), noise_mm, detectable: list };
+        let planned = Planned { kind: experiment.kind().name().into(), noise_mm, detectable: list };
         let json = result("diagnose", input, &warnings, &planned);
         return Ok(Outcome::good(Document::single(json, table)));
     }

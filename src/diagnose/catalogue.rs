@@ -10,13 +10,13 @@ use crate::diagnose::data::spelt;
 use crate::diagnose::effects::resolve;
 use crate::diagnose::experiment::{EffectInfo, Experiment, Parameter};
 use crate::error::{Error, Result};
-use crate::machine::{Head, Machine, Table as TableOrigin, Target};
+use crate::machine::{DataKind, Head, Machine, Table as TableOrigin, Target};
 use crate::table::Table;
 
 /// The effects of one kind of data.
 pub struct Kind {
-    /// The kind's name.
-    pub name: &'static str,
+    /// What the data are.
+    pub kind: DataKind,
     /// Its library.
     pub effects: Vec<EffectInfo>,
 }
@@ -47,7 +47,7 @@ pub fn catalogue() -> Result<Vec<Kind>> {
     let burns = table("burn", columns::BURN_COLUMNS, burns())?;
     let burns = ColumnsExperiment::burn_table(&burns, &machine, said)?;
     let all: [&dyn Experiment; 5] = [&rtcp, &rod, &bar, &warm, &burns];
-    Ok(all.map(|e| Kind { name: e.kind(), effects: e.effects().to_vec() }).into())
+    Ok(all.map(|e| Kind { kind: e.kind(), effects: e.effects().to_vec() }).into())
 }
 
 /// Refuses what a machine file's effects cannot be: a misspelt name, a parameter that no form of the effect has.
@@ -59,7 +59,8 @@ pub fn check(machine: &Machine) -> Result<()> {
     for effect in &machine.effects {
         spelt(effect)?;
         // Those of the head's sensors are called after the sensors at hand.
-        let known = kinds.iter().filter(|kind| kind.name != "thermal" && effect.outputs.is_empty());
+        let known =
+            kinds.iter().filter(|kind| kind.kind != DataKind::Thermal && effect.outputs.is_empty());
         let mut resolved = known
             .filter(|kind| kind.effects.iter().any(|info| info.name == effect.name))
             .map(|kind| resolve(&kind.effects, &effect.name, &effect.parameters))
@@ -91,7 +92,7 @@ pub fn markdown() -> Result<String> {
         let _ = write!(
             page,
             "\n## {}\n\n| effect | what is wrong | parameters | seen best |\n|---|---|---|---|\n",
-            kind.name
+            kind.kind.name()
         );
         for effect in kind.effects {
             let mut sets: Vec<String> = Vec::new();

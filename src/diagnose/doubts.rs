@@ -8,6 +8,7 @@ use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
 use crate::diagnose::report::NamedEffect;
 use crate::diagnose::select::Selection;
+use crate::machine::DataKind;
 
 /// What an effect adds to no machine's outputs, mm.
 const MOST_MM: f64 = 5.0;
@@ -60,7 +61,7 @@ pub fn untold(fitter: &Fitter, s: &Selection, named: &NamedEffect) -> Option<Str
 /// What is to be doubted of an answer, in words; `pairs` are the two names that could stand for each of its own.
 pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -> Vec<String> {
     let bar = match fitter.experiment.kind() {
-        "ballbar" => {
+        DataKind::Ballbar => {
             " (for a ball bar R and the stand-off add up to the ball's distance from the B axis)"
         }
         _ => "",

@@ -4,6 +4,8 @@ use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
+use crate::machine::DataKind;
+
 /// A parameter of an effect or of the baseline.
 #[derive(Debug, Clone)]
 pub struct Parameter {
@@ -216,8 +218,8 @@ impl Layout {
 
 /// One set of measurements and its exact model.
 pub trait Experiment {
-    /// The kind's name on the command line.
-    fn kind(&self) -> &'static str;
+    /// What the data are.
+    fn kind(&self) -> DataKind;
     /// The observations.
     fn layout(&self) -> &Layout;
     /// Parameters of the baseline that are fitted with everything else.

@@ -47,7 +47,7 @@ pub fn diagnose(
     let told = source.model.is_some();
     let mut model = None;
     if told && !report.effects.is_empty() || options.with_model {
-        let own = source.effects.as_ref().map(|path| own::read(path, experiment.kind()));
+        let own = source.effects.as_ref().map(|path| own::read(path, experiment.kind().name()));
         let own = own.transpose()?.unwrap_or_default();
         let machine = model::with_effects(&source.machine()?, &report, &own);
         if told {

@@ -10,6 +10,7 @@ use crate::diagnose::parts::{Part, remove};
 use crate::diagnose::pool::Who;
 use crate::diagnose::report::NextMeasurement;
 use crate::diagnose::select::Selection;
+use crate::machine::DataKind;
 
 /// Most captures of one and the same place.
 const MOST_REPEATS: usize = 4;
@@ -58,8 +59,8 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let count = captures.len();
     let order = match fitter.experiment.kind() {
         // A path has its own order.
-        "ballbar" => "",
-        "thermal" => ", in their order, while the screw warms up from its coldest",
+        DataKind::Ballbar => "",
+        DataKind::Thermal => ", in their order, while the screw warms up from its coldest",
         _ if captures.iter().any(|c| c.number("temp_c") != captures[0].number("temp_c")) => {
             ", in random order at each temperature"
         }
@@ -87,11 +88,11 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
 /// The captures in an order that the machine can take them in: a path goes its way, a screw warms up once, and temperatures are not
 /// changed more often than they must.
 fn in_order(
-    kind: &str,
+    kind: DataKind,
     mut picked: Vec<usize>,
     proposals: &[PlannedCapture],
 ) -> Vec<PlannedCapture> {
-    if matches!(kind, "ballbar" | "thermal") {
+    if matches!(kind, DataKind::Ballbar | DataKind::Thermal) {
         picked.sort_unstable();
     }
     let mut list: Vec<PlannedCapture> = picked.into_iter().map(|p| proposals[p].clone()).collect();

@@ -348,7 +348,7 @@ fn compile(
 }
 
 impl Experiment for OwnEffects {
-    fn kind(&self) -> &'static str {
+    fn kind(&self) -> DataKind {
         self.inner.kind()
     }
 

@@ -69,7 +69,7 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     let layout = experiment.layout();
     if layout.group_count() < LEAST_CAPTURES {
         return Err(Error::measure(
-            experiment.kind(),
+            experiment.kind().name(),
             format!("{} captures are too few to tell anything from noise", layout.group_count()),
             format!("give at least {LEAST_CAPTURES}; a sound design has 40 or more"),
         ));
@@ -77,7 +77,7 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     let spread = range(&layout.values);
     if spread.1 - spread.0 <= 0.0 && spread.0 == 0.0 {
         return Err(Error::measure(
-            experiment.kind(),
+            experiment.kind().name(),
             "all measured values are zero: this is a plan, not a measurement",
             "give the measured columns, or use --plan-only",
         ));
@@ -202,7 +202,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     let doubts = doubts.chain(effects.iter().filter_map(|e| doubts::untold(fitter, s, e)));
     let doubts = doubts.collect();
     Report {
-        kind: fitter.experiment.kind().into(),
+        kind: fitter.experiment.kind().name().into(),
         verdict,
         noise_mm: f.noise.sigma_mm.iter().sum::<f64>() / f.noise.sigma_mm.len() as f64,
         noise_source: noise_source(fitter, layout, f),

@@ -96,7 +96,7 @@ fn other(options: &Options) -> Result<Simulated> {
     };
     let rows = (0..table.rows()).map(|row| names.iter().map(|name| cell(row, name)).collect());
     let rows = rows.collect();
-    Ok(Simulated { kind: experiment.kind().into(), names, rows, warnings })
+    Ok(Simulated { kind: experiment.kind().name().into(), names, rows, warnings })
 }
 
 /// A sweep: the control's values and the machine's, of any order of axes, and the library's effects on top.

@@ -1,15 +1,11 @@
 //! Is a circle a line? One that is scribed or drawn is darker or lighter than both its sides; a burn's zone is wider.
 
-use nalgebra::Vector2;
-
-use crate::find::look::{Look, directions};
+use crate::find::look::Look;
 use crate::find::waves;
 use crate::fit::Circle;
 
 /// Directions over which levels are averaged.
 const RAYS: usize = 48;
-/// Share of the directions that must lie in the picture.
-const LEAST_SEEN: f64 = 0.4;
 /// How far to both sides is looked, in steps and reduced pixels.
 const STEPS: usize = 40;
 const SIDES_PX: f64 = 8.0;
@@ -18,21 +14,13 @@ const BEYOND: f64 = 1.0;
 
 /// Whether a circle is a line, no wider than a part of its radius: half of its depth on both sides.
 pub(crate) fn is_line(look: &Look, circle: Circle, widest: f64) -> bool {
-    let around: [Vector2<f64>; RAYS] = directions();
     let (center, radius) = (look.reduced(circle.center), circle.radius / look.factor as f64);
     let widest_px = (widest * radius).min(SIDES_PX);
     let at = |k: usize| radius + SIDES_PX * (2.0 * k as f64 / STEPS as f64 - 1.0);
-    // Steps from radius to radius, each over the directions that see both.
-    let mut before = waves::levels(look, center, at(0), &around);
-    let mut levels = [0.0; STEPS + 1];
-    for k in 1..=STEPS {
-        let now = waves::levels(look, center, at(k), &around);
-        let (step, count) = waves::mean_step(&before, &now);
-        if count < LEAST_SEEN * RAYS as f64 {
-            return false;
-        }
-        levels[k] = levels[k - 1] + step;
-        before = now;
+    let mut levels = vec![0.0];
+    levels.extend(waves::outward::<RAYS>(look, center, (0..=STEPS).map(at)));
+    if levels.len() <= STEPS {
+        return false;
     }
     let across = levels[STEPS];
     let beyond = |k: usize| (levels[k] - across * k as f64 / STEPS as f64).abs();
@@ -43,6 +31,8 @@ pub(crate) fn is_line(look: &Look, circle: Circle, widest: f64) -> bool {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
+
     use super::*;
     use crate::frame::{Frame, Gray};
 

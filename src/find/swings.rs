@@ -1,33 +1,21 @@
 //! Is a circle one of many about its centre, as ripples, the grooves of a turned face and fingerprints have? A burn has few.
 
-use nalgebra::Vector2;
-
-use crate::find::look::{Look, directions};
+use crate::find::look::Look;
 use crate::find::waves;
 use crate::fit::Circle;
 
-/// Directions over which the level is averaged, and the share of them that must lie in the picture.
+/// Directions over which the level is averaged.
 const RAYS: usize = 96;
-const LEAST_SEEN: f64 = 0.4;
 /// How far beyond the circle is looked, in radii.
 const BEYOND: f64 = 6.0;
 
 /// How often the mean level about a circle's centre (px of the full picture) swings up or down by `size` counts, from the circle outward.
 pub(crate) fn swings_beyond(look: &Look, circle: Circle, size: f64) -> usize {
-    let around: [Vector2<f64>; RAYS] = directions();
     let (center, radius) = (look.reduced(circle.center), circle.radius / look.factor as f64);
-    // Steps from radius to radius, each over the directions that see both: others begin elsewhere.
-    let mut before = waves::levels(look, center, radius, &around);
-    let (mut level, mut lowest, mut highest) = (0.0f64, 0.0f64, 0.0f64);
+    let (mut lowest, mut highest) = (0.0f64, 0.0f64);
     let (mut swings, mut up) = (0, None);
-    for k in 1..=(BEYOND * radius) as usize {
-        let now = waves::levels(look, center, radius + k as f64, &around);
-        let (step, count) = waves::mean_step(&before, &now);
-        if count < LEAST_SEEN * RAYS as f64 {
-            break;
-        }
-        level += step;
-        before = now;
+    let radii = (0..=(BEYOND * radius) as usize).map(|k| radius + k as f64);
+    for level in waves::outward::<RAYS>(look, center, radii) {
         (lowest, highest) = (lowest.min(level), highest.max(level));
         let turned = match up {
             Some(true) => level < highest - size,
@@ -45,6 +33,8 @@ pub(crate) fn swings_beyond(look: &Look, circle: Circle, size: f64) -> usize {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::Vector2;
+
     use super::*;
     use crate::frame::{Frame, Gray};
 

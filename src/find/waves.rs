@@ -2,7 +2,10 @@
 
 use nalgebra::Vector2;
 
-use crate::find::look::{Look, value_at};
+use crate::find::look::{Look, directions, value_at};
+
+/// Share of the directions that must lie in the picture where a mean over them is taken.
+const LEAST_SEEN: f64 = 0.4;
 
 /// Levels at a radius in some directions, reduced pixels; NaN outside the picture.
 pub(super) fn levels<const RAYS: usize>(
@@ -15,6 +18,25 @@ pub(super) fn levels<const RAYS: usize>(
     around.map(|along| {
         let p = center + radius * along;
         f64::from(value_at(image, p.x, p.y))
+    })
+}
+
+/// Mean levels about a centre over so many directions, at one radius after the other (reduced pixels), above that at the first: steps from
+/// radius to radius, each over the directions that see both, as others begin elsewhere. They end where too few do.
+pub(super) fn outward<const RAYS: usize>(
+    look: &Look,
+    center: Vector2<f64>,
+    mut radii: impl Iterator<Item = f64>,
+) -> impl Iterator<Item = f64> {
+    let around = directions::<RAYS>();
+    let mut before = radii.next().map(|first| levels(look, center, first, &around));
+    let mut level = 0.0;
+    radii.map_while(move |radius| {
+        let now = levels(look, center, radius, &around);
+        let (step, count) = mean_step(&before?, &now);
+        before = Some(now);
+        level += step;
+        (count >= LEAST_SEEN * RAYS as f64).then_some(level)
     })
 }
 

@@ -193,7 +193,7 @@ impl ColumnsExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        need_head_b_table_c("ballbar", machine, false)?;
+        need_head_b_table_c(DataKind::Ballbar, machine, false)?;
         let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
         warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
         warnings.extend(units::celsius("temp_c", data.get("temp_c")));
@@ -355,8 +355,8 @@ impl ColumnsExperiment {
 }
 
 impl Experiment for ColumnsExperiment {
-    fn kind(&self) -> &'static str {
-        self.sort.kind.name()
+    fn kind(&self) -> DataKind {
+        self.sort.kind
     }
 
     fn layout(&self) -> &Layout {

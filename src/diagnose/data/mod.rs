@@ -12,7 +12,7 @@ use std::collections::HashMap;
 use crate::diagnose::effects::{Library, NAMES};
 use crate::diagnose::experiment::{Active, Untestable};
 use crate::error::{Error, Result, nearest};
-use crate::machine::{Effect, Machine};
+use crate::machine::{DataKind, Effect, Machine};
 
 /// Numbers rows that agree in all of `columns` (to a part in a million of each column's range) alike.
 pub fn sites(columns: &[&[f64]], rows: usize) -> Vec<usize> {
@@ -75,7 +75,7 @@ pub fn extend_times_soon(t_s: &mut Vec<f64>, count: usize) {
 
 /// The library's effects are written for B in the head and C in the table; a machine of another order is refused, not
 /// predicted wrongly. `any_sense`: B may count the other way.
-pub fn need_head_b_table_c(kind: &str, machine: &Machine, any_sense: bool) -> Result<()> {
+pub fn need_head_b_table_c(kind: DataKind, machine: &Machine, any_sense: bool) -> Result<()> {
     let rotary = |part: Option<&str>| -> String {
         part.unwrap_or("").chars().filter(|c| "ABC".contains(*c)).collect()
     };
@@ -96,7 +96,7 @@ pub fn need_head_b_table_c(kind: &str, machine: &Machine, any_sense: bool) -> Re
         }
     };
     Err(Error::measure(
-        format!("{kind} data"),
+        format!("{} data", kind.name()),
         reason,
         "take the [[effects]] out of its file for simulate and verify, which then take any order of axes",
     ))

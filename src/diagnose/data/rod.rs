@@ -257,8 +257,8 @@ impl RodExperiment {
 }
 
 impl Experiment for RodExperiment {
-    fn kind(&self) -> &'static str {
-        DataKind::Rod.name()
+    fn kind(&self) -> DataKind {
+        DataKind::Rod
     }
 
     fn layout(&self) -> &Layout {

@@ -113,7 +113,7 @@ impl RtcpExperiment {
         machine: &Machine,
         warnings: &mut Vec<String>,
     ) -> Result<Self> {
-        need_head_b_table_c("rtcp", machine, true)?;
+        need_head_b_table_c(DataKind::Rtcp, machine, true)?;
         let (b_deg, c_deg) = (table.column("b_deg")?, table.column("c_deg")?);
         let rows = table.rows();
         warnings.extend(units::swept_angles("b_deg", &b_deg));
@@ -232,8 +232,8 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
 }
 
 impl Experiment for RtcpExperiment {
-    fn kind(&self) -> &'static str {
-        DataKind::Rtcp.name()
+    fn kind(&self) -> DataKind {
+        DataKind::Rtcp
     }
 
     fn layout(&self) -> &Layout {
