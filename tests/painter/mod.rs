@@ -1,6 +1,8 @@
 //! Pictures painted from a brightness that is known everywhere.
 #![allow(dead_code)] // Each test has its own use of it.
 
+pub mod burn;
+
 use nalgebra::Vector2;
 use pivotsight::frame::Picture;
 
