@@ -28,3 +28,40 @@ pub fn orthonormal(columns: &DMatrix<f64>, tolerance: f64) -> DMatrix<f64> {
     }
     DMatrix::from_columns(&basis)
 }
+
+/// A root R of a positive semidefinite matrix RᵀR, with as many rows as its rank: a Cholesky factor with pivots, which ends where what is
+/// left of the diagonal falls below `least`.
+pub fn root(matrix: &DMatrix<f64>, least: f64) -> DMatrix<f64> {
+    let n = matrix.nrows();
+    let mut left = matrix.diagonal();
+    let mut rows: Vec<DVector<f64>> = Vec::new();
+    for _ in 0..n {
+        let pivot = left.imax();
+        if left[pivot] <= least {
+            break;
+        }
+        let mut row = matrix.column(pivot).into_owned();
+        for earlier in &rows {
+            row.axpy(-earlier[pivot], earlier, 1.0);
+        }
+        row /= left[pivot].sqrt();
+        left.iter_mut().zip(&row).for_each(|(left, r)| *left -= r * r);
+        rows.push(row);
+    }
+    DMatrix::from_fn(rows.len(), n, |k, i| rows[k][i])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_root_has_as_many_rows_as_its_matrix_has_rank() {
+        let columns = DMatrix::from_fn(4, 7, |r, c| ((3 * r + 5 * c) as f64).sin());
+        let matrix = columns.tr_mul(&columns);
+        let root = root(&matrix, 1e-12);
+        // The sines of such a sum span two directions.
+        assert_eq!(root.shape(), (2, 7));
+        assert!((root.tr_mul(&root) - matrix).norm() < 1e-9);
+    }
+}

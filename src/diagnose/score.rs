@@ -4,7 +4,7 @@ use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
 
-use crate::diagnose::algebra::orthonormal;
+use crate::diagnose::algebra::{orthonormal, root};
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::pool::{Candidate, Pool, Projected};
 use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
@@ -302,14 +302,8 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     if pool.candidates.is_empty() {
         return 1.0;
     }
-    let x = pool.project(fitter, fitted, &standing.basis);
-    let gram = x.gram().0;
-    let total = gram.nrows();
     // The scores depend on the columns only through their Gram matrix: its root is small.
-    let eigen = gram.symmetric_eigen();
-    let root = DMatrix::from_fn(total, total, |k, i| {
-        eigen.eigenvalues[k].max(0.0).sqrt() * eigen.eigenvectors[(i, k)]
-    });
+    let root = root(&pool.project(fitter, fitted, &standing.basis).gram().0, 1e-3 * ALIAS * ALIAS);
     let mut bases: Vec<(usize, DMatrix<f64>)> = Vec::new();
     for c in &pool.candidates {
         let block = root.columns(c.first, c.count).into_owned();
@@ -324,7 +318,7 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     let mut smallest: Vec<f64> = (0..DRAWS)
         .map(|_| {
             let noise: DVector<f64> =
-                DVector::from_fn(total, |_, _| StandardNormal.sample(&mut rng));
+                DVector::from_fn(root.nrows(), |_, _| StandardNormal.sample(&mut rng));
             let mut largest = vec![0.0_f64; most + 1];
             for (rank, basis) in &bases {
                 let chi2 = basis.tr_mul(&noise).norm_squared();
