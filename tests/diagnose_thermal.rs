@@ -259,3 +259,26 @@ fn a_sensor_that_has_come_to_rest_is_not_dead() {
         assert_eq!(warnings.contains("head_2_c no longer"), stops, "{warnings}");
     }
 }
+
+/// Where there is no other sensor and the screw stays as it is, a reading that stops in the midst of a change is a dead sensor's.
+#[test]
+fn an_only_sensor_that_stops_in_the_midst_of_a_change_is_dead() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+    for k in 0..40 {
+        let t = 400.0 * f64::from(k);
+        let head = |t: f64| 8.0 * (t / 3000.0).sin();
+        for place in [0.0, 300.0, 600.0] {
+            let error = 0.004 * head(t) + 0.001 * normal();
+            let read = head(t.min(7500.0));
+            writeln!(csv, "{t},x,{place},{error:.6},21.00,{read:.2}").unwrap();
+        }
+    }
+    std::fs::write(folder.join("data.csv"), csv).unwrap();
+    let report = diagnose("thermal", folder);
+    assert!(report["warnings"].to_string().contains("head_1_c no longer"), "{report:#}");
+    assert!(class(&report).contains(&"sensor-dead"), "{report:#}");
+}

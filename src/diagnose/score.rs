@@ -302,7 +302,7 @@ pub fn effective_tests(fitter: &Fitter, fitted: &Fitted, standing: &Standing, po
     if pool.candidates.is_empty() {
         return 1.0;
     }
-    // The scores depend on the columns only through their Gram matrix: its root is small.
+    // The scores depend on the columns only through their Gram matrix: its root is small, without what no score counts.
     let root = root(&pool.project(fitter, fitted, &standing.basis).gram().0, 1e-3 * ALIAS * ALIAS);
     let mut bases: Vec<(usize, DMatrix<f64>)> = Vec::new();
     for c in &pool.candidates {

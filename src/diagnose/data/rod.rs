@@ -49,7 +49,7 @@ pub struct Rod {
     /// Where the rod is looked at from: a fixed point near its centre.
     pole: Vector2<f64>,
     /// Unit vectors from there to the points.
-    ways: Vec<Vector2<f64>>,
+    rays: Vec<Vector2<f64>>,
 }
 
 impl Rod {
@@ -281,15 +281,15 @@ impl Experiment for RodExperiment {
         let rims: Vec<Rim> = (errors.iter().enumerate())
             .map(|(g, e)| self.data.rim(g, centre, nuisances[2], e))
             .collect();
-        (self.data.capture.iter().zip(&self.data.ways))
-            .map(|(g, way)| self.data.predicted(*way, &rims[*g]))
+        (self.data.capture.iter().zip(&self.data.rays))
+            .map(|(g, ray)| self.data.predicted(*ray, &rims[*g]))
             .collect()
     }
 
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
         let d = &self.data;
         let pixels = predicted.iter().enumerate().map(|(i, distance)| {
-            d.view.to_pixel(d.pole + d.ways[i] * *distance - d.place[d.capture[i]])
+            d.view.to_pixel(d.pole + d.rays[i] * *distance - d.place[d.capture[i]])
         });
         let (u, v): (Vec<f64>, Vec<f64>) = pixels.map(|p| (p.x, p.y)).unzip();
         vec![("u_px", u), ("v_px", v)]
@@ -333,7 +333,7 @@ impl Experiment for RodExperiment {
             for k in 0..PLANNED_POINTS {
                 let (s, c) = (f64::from(k) / f64::from(PLANNED_POINTS) * TAU).sin_cos();
                 data.points.push(data.pole + Vector2::new(c, s) * radius);
-                data.ways.push(Vector2::new(c, s));
+                data.rays.push(Vector2::new(c, s));
                 data.capture.push(data.place.len());
                 values.push(radius);
             }

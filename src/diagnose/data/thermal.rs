@@ -5,7 +5,8 @@ use nalgebra::{DMatrix, DVector, Vector3};
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal::library;
-use crate::diagnose::effects::thermal_columns::{Column, dead_sensor, metres, times};
+use crate::diagnose::effects::thermal_columns::{Column, metres, times};
+use crate::diagnose::effects::thermal_sensors::dead_sensor;
 use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::outliers::{few, slipped};
 

@@ -10,6 +10,8 @@ pub mod rtcp_pose;
 mod rtcp_slow;
 pub mod thermal;
 pub mod thermal_columns;
+pub mod thermal_sensors;
+mod thermal_ways;
 
 use std::collections::BTreeMap;
 

@@ -6,9 +6,11 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, above_zero, ambient_from, dead_sensor, first_gone_s, goes, gone, hats, heating, metres,
-    metres_from, middle, missed, risen, rises, softly, times, went,
+    Column, above_zero, ambient_from, heating, metres, metres_from, middle, risen, rises, softly,
+    times,
 };
+use crate::diagnose::effects::thermal_sensors::{dead_sensor, first_gone_s, gone, hats, missed};
+use crate::diagnose::effects::thermal_ways::{goes, went};
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
@@ -333,7 +335,7 @@ fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     /// A sensor seen to stop is likelier to be what is missing than anything not seen, nats.
     const DEAD_BEFOREHAND: f64 = 5.0;
     let sensor = dead_sensor(data);
-    let alive = sensor.is_none().then(|| "every head sensor keeps changing".into());
+    let alive = sensor.is_none().then(|| "no head sensor is seen to stop".into());
     let dead = words(
         "sensor-dead",
         "a head sensor has stopped: its share of the growth is missing",

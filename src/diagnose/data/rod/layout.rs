@@ -34,7 +34,7 @@ fn seen_deg(angles: &[f64], capture: &[usize], captures: usize) -> f64 {
 /// The layout of captures and their points.
 pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
     let points = values.len();
-    let normals = &data.ways;
+    let normals = &data.rays;
     let angles: Vec<f64> = normals.iter().map(|n| n.y.atan2(n.x)).collect();
     let spread = |c: &[f64]| data.capture.iter().map(|&g| c[g]).collect::<Vec<f64>>();
     let mut variables = Vec::new();

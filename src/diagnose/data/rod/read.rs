@@ -99,7 +99,7 @@ pub(super) fn rod(
         dir_x,
         dir_y,
         capture: captures.of_row.clone(),
-        ways: points.iter().map(|p| (p - rim.center).normalize()).collect(),
+        rays: points.iter().map(|p| (p - rim.center).normalize()).collect(),
         points,
         pole: rim.center,
         view,

@@ -1,0 +1,131 @@
+//! Head sensors that stop: which one, since when, and what it misses.
+
+use nalgebra::{DMatrix, DVector};
+
+use crate::diagnose::data::columns::Columns;
+use crate::diagnose::effects::lagged;
+use crate::diagnose::effects::thermal_columns::Column;
+use crate::fit::robust::range;
+
+/// The sensor whose reading stops changing first, for at least a tenth of the run, while others or the screw go on or in the midst of a
+/// change. One that never changed at all has not stopped, nor has one that has come to rest where it began.
+pub fn dead_sensor(data: &Columns) -> Option<usize> {
+    let rows = data.series.len();
+    let stuck = |sensor: usize| gone(data, sensor).iter().filter(|g| **g > 0.0).count();
+    (0..data.head_c.len())
+        .map(|sensor| (stuck(sensor), sensor))
+        .filter(|(stuck, _)| *stuck > (rows / 10).max(5) && *stuck < rows)
+        .filter(|(_, sensor)| !rests(data, *sensor))
+        .filter(|(_, sensor)| others_go_on(data, *sensor) || stops_short(data, *sensor))
+        .max_by_key(|(stuck, sensor)| (*stuck, std::cmp::Reverse(*sensor)))
+        .map(|(_, sensor)| sensor)
+}
+
+/// Whether a reading that no longer changes has come, step by step, to where it was at first.
+fn rests(data: &Columns, sensor: usize) -> bool {
+    /// Parts of its range that count as the same place, and as a step.
+    const SAME: f64 = 0.02;
+    const STEP: f64 = 0.2;
+    let readings: Vec<f64> = in_time(data).into_iter().map(|r| data.head_c[sensor][r]).collect();
+    let (low, high) = range(&readings);
+    let (Some(first), Some(last)) = (readings.first(), readings.last()) else { return false };
+    let before = readings.iter().rfind(|v| *v != last).unwrap_or(last);
+    (last - first).abs() < SAME * (high - low) && (last - before).abs() < STEP * (high - low)
+}
+
+/// Whether another sensor or the screw still changes while a sensor's reading no longer does.
+fn others_go_on(data: &Columns, sensor: usize) -> bool {
+    /// By this part of its range and so many degrees: readings flicker.
+    const GOES_ON: f64 = 0.1;
+    const LEAST_C: f64 = 0.2;
+    let gone = gone(data, sensor);
+    let goes_on = |column: &[f64]| {
+        let later = column.iter().zip(&gone).filter(|(_, g)| **g > 0.0).map(|(v, _)| *v);
+        let (all, later) = (range(column), range(&later.collect::<Vec<f64>>()));
+        later.1 - later.0 > (GOES_ON * (all.1 - all.0)).max(LEAST_C)
+    };
+    let others = (0..data.head_c.len()).filter(|o| *o != sensor).map(|o| &data.head_c[o][..]);
+    others.chain([data.get("screw_c")]).any(goes_on)
+}
+
+/// Whether a reading stops in the midst of a change: one that settles changes ever less.
+fn stops_short(data: &Columns, sensor: usize) -> bool {
+    /// Part of the run before it stops, and of its range that it then changes by.
+    const BEFORE: f64 = 0.05;
+    const CHANGES: f64 = 0.05;
+    let (t, column, gone) = (data.get("t_s"), &data.head_c[sensor], gone(data, sensor));
+    let (start, end) = data.times_s();
+    let stop = first_gone_s(data, &gone);
+    let at = |from: f64| (0..t.len()).filter(move |r| t[*r] >= from && t[*r] <= stop);
+    let late: Vec<f64> = at(stop - BEFORE * (end - start)).map(|r| column[r]).collect();
+    let ((low, high), (least, most)) = (range(&late), range(column));
+    high - low > CHANGES * (most - least)
+}
+
+/// 1 from when on a sensor's reading no longer changes, 0 before.
+pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
+    let (order, column) = (in_time(data), &data.head_c[sensor]);
+    let last = order.last().map_or(0.0, |row| column[*row]);
+    let changes = order.iter().rposition(|row| column[*row] != last);
+    let mut out = vec![0.0; column.len()];
+    order[changes.map_or(0, |i| i + 1)..].iter().for_each(|row| out[*row] = 1.0);
+    out
+}
+
+/// What a sensor that has stopped misses, as the others and their past tell: how it followed them before says how it would have
+/// gone on. `None` where there is no other, or too little of its own.
+pub fn missed(data: &Columns, sensor: usize) -> Option<Column> {
+    /// Parts of the run by which it may come after the others.
+    const LATER: [f64; 3] = [0.02, 0.08, 0.2];
+    /// What the others do not tell of it apart is shared.
+    const RIDGE: f64 = 1e-4;
+    let (t, column, gone) = (data.get("t_s"), &data.head_c[sensor], gone(data, sensor));
+    let (start, end) = data.times_s();
+    let mut told: Vec<Column> = vec![vec![1.0; column.len()]];
+    for other in (0..data.head_c.len()).filter(|o| *o != sensor) {
+        let read = &data.head_c[other];
+        told.push(read.clone());
+        told.extend(LATER.map(|part| lagged(t, read, part * (end - start))));
+    }
+    let alive: Vec<usize> = (0..column.len()).filter(|row| gone[*row] == 0.0).collect();
+    if told.len() < 2 || alive.len() < 3 * told.len() {
+        return None;
+    }
+    let sizes: Vec<f64> =
+        told.iter().map(|c| alive.iter().map(|r| c[*r] * c[*r]).sum::<f64>().sqrt()).collect();
+    let design =
+        DMatrix::from_fn(alive.len(), told.len(), |i, c| told[c][alive[i]] / sizes[c].max(1e-12));
+    let read = DVector::from_fn(alive.len(), |i, _| column[alive[i]]);
+    let mut normal = design.tr_mul(&design);
+    (0..told.len()).for_each(|i| normal[(i, i)] += RIDGE);
+    let share = normal.cholesky()?.solve(&design.tr_mul(&read));
+    let would = |row: usize| -> f64 {
+        (0..told.len()).map(|c| share[c] * told[c][row] / sizes[c].max(1e-12)).sum()
+    };
+    Some((0..column.len()).map(|row| gone[row] * (would(row) - column[row])).collect())
+}
+
+/// Time of the first row of those that are 1.
+pub fn first_gone_s(data: &Columns, gone: &[f64]) -> f64 {
+    let since = data.get("t_s").iter().zip(gone).filter(|(_, g)| **g > 0.0);
+    since.map(|(t, _)| *t).fold(f64::INFINITY, f64::min)
+}
+
+/// `count` hat functions of time between a sensor's last change and the end.
+pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
+    let t = data.get("t_s");
+    let gone = gone(data, sensor);
+    let from = first_gone_s(data, &gone);
+    let step = (data.times_s().1 - from).max(1e-9) / (count - 1) as f64;
+    let at = |t: f64, i: usize| (1.0 - ((t - from) / step - i as f64).abs()).max(0.0);
+    let hat = |i| t.iter().zip(&gone).map(|(t, gone)| gone * at(*t, i)).collect();
+    (0..count).map(hat).collect()
+}
+
+/// Rows in the order of time.
+fn in_time(data: &Columns) -> Vec<usize> {
+    let t = data.get("t_s");
+    let mut order: Vec<usize> = (0..t.len()).collect();
+    order.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
+    order
+}
