@@ -282,3 +282,37 @@ fn an_only_sensor_that_stops_in_the_midst_of_a_change_is_dead() {
     assert!(report["warnings"].to_string().contains("head_1_c no longer"), "{report:#}");
     assert!(class(&report).contains(&"sensor-dead"), "{report:#}");
 }
+
+/// Rows of one time have no order: which way a screw goes between them is noise, in whatever order they are written.
+#[test]
+fn rows_of_one_time_may_stand_in_any_order() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    let mut normal = normal();
+    let mut rows = Vec::new();
+    for k in 0..40 {
+        let t = 400.0 * f64::from(k);
+        let (screw, head) = (5.0 * (t / 5000.0).sin(), 6.0 * (t / 3000.0).sin().abs());
+        for place in [0.0, 200.0, 400.0, 600.0] {
+            let way = (t / 5000.0).cos().signum();
+            let error = 0.003 * head + 9e-6 * screw * place + 0.003 * way + 0.001 * normal();
+            let read = 21.0 + screw + 0.05 * normal();
+            rows.push(format!("{t},x,{place},{error:.6},{read:.3},{head:.3}"));
+        }
+    }
+    let answer = |rows: &[String]| {
+        let head = "t_s,axis,position_mm,error_mm,screw_c,head_1_c\n";
+        std::fs::write(folder.join("data.csv"), head.to_owned() + &rows.join("\n")).unwrap();
+        let report = diagnose("thermal", folder);
+        (
+            report["verdict"].clone(),
+            report["effects"].as_array().unwrap().len(),
+            class(&report).join(" "),
+        )
+    };
+    let written = answer(&rows);
+    rows.reverse();
+    assert_eq!(written, answer(&rows));
+    assert!(written.2.contains("heating-hysteresis"), "{written:?}");
+}

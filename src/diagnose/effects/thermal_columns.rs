@@ -88,12 +88,20 @@ pub fn softly(rates: &[f64]) -> Vec<f64> {
 
 /// How fast each row's screw warms up, °C per second.
 pub fn heating(data: &Columns) -> Vec<f64> {
-    let mut out = vec![0.0; data.series.len()];
+    of_each_screw(data, slopes)
+}
+
+/// What is worked out for the rows of each axis from times and temperatures of its screw.
+pub fn of_each_screw<T: Copy + Default>(
+    data: &Columns,
+    work: impl Fn(&[f64], &[f64]) -> Vec<T>,
+) -> Vec<T> {
+    let mut out = vec![T::default(); data.series.len()];
     for axis in 0..data.series_names.len() {
         let rows = data.rows_of(axis);
         let of = |name: &str| rows.iter().map(|r| data.get(name)[*r]).collect::<Vec<f64>>();
-        for (row, slope) in rows.iter().zip(slopes(&of("t_s"), &of("screw_c"))) {
-            out[*row] = slope;
+        for (row, value) in rows.iter().zip(work(&of("t_s"), &of("screw_c"))) {
+            out[*row] = value;
         }
     }
     out
@@ -109,21 +117,49 @@ pub fn times(a: &[f64], b: &[f64]) -> Column {
     a.iter().zip(b).map(|(a, b)| a * b).collect()
 }
 
+/// Readings in the order of time; those of one time, which have no order, are their mean.
+pub struct Readings {
+    /// Different times.
+    pub times_s: Vec<f64>,
+    /// What was read then.
+    pub values: Vec<f64>,
+    /// Which of them each row has.
+    pub of_row: Vec<usize>,
+}
+
+impl Readings {
+    /// From the rows' times and values.
+    pub fn new(times_s: &[f64], values: &[f64]) -> Self {
+        let mut order: Vec<usize> = (0..times_s.len()).collect();
+        order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+        let mut new =
+            Self { times_s: Vec::new(), values: Vec::new(), of_row: vec![0; times_s.len()] };
+        for rows in order.chunk_by(|a, b| times_s[*a] == times_s[*b]) {
+            rows.iter().for_each(|row| new.of_row[*row] = new.times_s.len());
+            new.times_s.push(times_s[rows[0]]);
+            new.values.push(rows.iter().map(|r| values[*r]).sum::<f64>() / rows.len() as f64);
+        }
+        new
+    }
+
+    /// What holds for each reading, row by row.
+    pub fn by_row<T: Copy>(&self, of_reading: &[T]) -> Vec<T> {
+        self.of_row.iter().map(|i| of_reading[*i]).collect()
+    }
+}
+
 /// Slope of values in time, from the readings before to those after, a sixtieth of the run away at least: rows taken at
 /// one stop have one temperature.
 fn slopes(times_s: &[f64], values: &[f64]) -> Vec<f64> {
-    let mut order: Vec<usize> = (0..times_s.len()).collect();
-    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
-    let sorted: Vec<f64> = order.iter().map(|i| times_s[*i]).collect();
-    let (Some(first), Some(last)) = (sorted.first(), sorted.last()) else { return Vec::new() };
+    let read = Readings::new(times_s, values);
+    let t = &read.times_s;
+    let (Some(first), Some(last)) = (t.first(), t.last()) else { return Vec::new() };
     let apart = (last - first) / 60.0;
-    let mut out = vec![0.0; values.len()];
-    for &i in &order {
-        let before = sorted.partition_point(|t| *t <= times_s[i] - apart).saturating_sub(1);
-        let after = sorted.partition_point(|t| *t < times_s[i] + apart).min(sorted.len() - 1);
-        let dt = sorted[after] - sorted[before];
-        let change = values[order[after]] - values[order[before]];
-        out[i] = if dt > 0.0 { change / dt } else { 0.0 };
-    }
-    out
+    let slope = |at: &f64| {
+        let before = t.partition_point(|t| *t <= at - apart).saturating_sub(1);
+        let after = t.partition_point(|t| *t < at + apart).min(t.len() - 1);
+        let dt = t[after] - t[before];
+        if dt > 0.0 { (read.values[after] - read.values[before]) / dt } else { 0.0 }
+    };
+    read.by_row(&t.iter().map(slope).collect::<Vec<f64>>())
 }

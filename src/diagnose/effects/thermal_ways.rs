@@ -1,41 +1,29 @@
 //! Does a screw warm up or cool down? At a turn, and where readings are rounded or noisy, that is told by those nearest.
 
 use crate::diagnose::data::columns::Columns;
-use crate::diagnose::effects::thermal_columns::heating;
+use crate::diagnose::effects::thermal_columns::{Readings, heating, of_each_screw};
 use crate::fit::robust::{median, range};
 
 /// Whether each row's screw last went up (1) or down (-1).
 pub fn went(data: &Columns) -> Vec<f64> {
-    let mut out = vec![0.0; data.series.len()];
-    let t = data.get("t_s");
-    for axis in 0..data.series_names.len() {
-        let mut rows = data.rows_of(axis);
-        rows.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
-        let screw: Vec<f64> = rows.iter().map(|r| data.get("screw_c")[*r]).collect();
-        let changes = screw.windows(2).map(|pair| pair[1] - pair[0]);
-        let first = changes.clone().find(|c| *c != 0.0).unwrap_or(0.0);
-        let mut way = first.signum();
-        out[rows[0]] = way;
-        for (row, change) in rows[1..].iter().zip(changes) {
+    of_each_screw(data, |times_s, screw_c| {
+        let read = Readings::new(times_s, screw_c);
+        let changes = || read.values.windows(2).map(|pair| pair[1] - pair[0]);
+        let mut way = changes().find(|c| *c != 0.0).unwrap_or(0.0).signum();
+        let mut ways = vec![way];
+        for change in changes() {
             way = if change == 0.0 { way } else { change.signum() };
-            out[*row] = way;
+            ways.push(way);
         }
-    }
-    out
+        read.by_row(&ways)
+    })
 }
 
 /// Whether each row's screw warms up (1) or cools down (-1): as the readings about it show, or where those are too few or too much alike,
 /// as it comes from those before or goes to those after, whichever are much nearer; else from the ones to the others.
 pub fn goes(data: &Columns) -> Vec<f64> {
-    let mut out: Vec<f64> = heating(data).iter().map(|rate| rate.signum()).collect();
-    for axis in 0..data.series_names.len() {
-        let rows = data.rows_of(axis);
-        let of = |name: &str| rows.iter().map(|r| data.get(name)[*r]).collect::<Vec<f64>>();
-        for (row, way) in rows.iter().zip(ways(&of("t_s"), &of("screw_c"))) {
-            out[*row] = way.unwrap_or(out[*row]);
-        }
-    }
-    out
+    let ways = of_each_screw(data, ways).into_iter().zip(heating(data));
+    ways.map(|(way, rate)| way.unwrap_or(rate.signum())).collect()
 }
 
 /// The way each of some values goes (1 or -1); `None` where neither the readings about it tell, less than a sixtieth of the run away,
