@@ -7,7 +7,7 @@ use crate::diagnose::effects::lagged;
 use crate::diagnose::effects::thermal_columns::Column;
 use crate::fit::robust::range;
 
-/// The sensor whose reading stops changing first, for at least a tenth of the run, while others or the screw go on or in the midst of a
+/// The sensor whose reading stops changing first, for at least a tenth of the rows, while others or the screw go on or in the midst of a
 /// change. One that never changed at all has not stopped, nor has one that has come to rest where it began.
 pub fn dead_sensor(data: &Columns) -> Option<usize> {
     let rows = data.series.len();
