@@ -6,7 +6,7 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::{BAR, class, diagnose, normal, run};
+use common::{BAR, answer, class, diagnose, normal, run};
 use serde_json::Value;
 
 /// `docs/effects.md` names every effect with its parameters as this build has them; `PIVOTSIGHT_WRITE=1` makes it anew.
@@ -112,10 +112,7 @@ fn a_bars_errors_may_follow_one_another() {
 /// Three readings that slipped by ten standard deviations are set aside and listed: nothing is missing.
 #[test]
 fn slipped_readings_are_no_effect() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
     let machine = "schema = 1\n[head]\nr_mm = 180.0\n[target]\nposition_mm = [70.0, 10.0, 90.0]\n";
-    std::fs::write(folder.join("machine.toml"), machine).unwrap();
     let mut normal = normal();
     let mut csv = String::from("b_deg,c_deg,t_s,dx_mm,dy_mm,dz_mm\n");
     for k in 0..140 {
@@ -127,8 +124,7 @@ fn slipped_readings_are_no_effect() {
         }
         writeln!(csv, "{b},{c},{},{:.6},{:.6},{:.6}", 20 * k, d[0], d[1], d[2]).unwrap();
     }
-    std::fs::write(folder.join("data.csv"), csv).unwrap();
-    let report = diagnose("rtcp", folder);
+    let report = answer("rtcp", machine, &csv);
     assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
     let set_aside = report["outliers"].as_array().unwrap();
     assert_eq!(set_aside.len(), 3, "{set_aside:?}");

@@ -5,15 +5,12 @@ mod common;
 
 use std::fmt::Write as _;
 
-use common::{BAR, class, diagnose, normal, run};
+use common::{BAR, answer, class, diagnose, normal, run};
 use serde_json::Value;
 
 /// Two axes with head coefficients of their own; then one of them moved by the room, from the first reading on.
 #[test]
 fn thermal_axes_differ_and_the_room_moves_one_of_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     for room in [0.0, 0.01] {
         let mut normal = normal();
         let mut csv =
@@ -41,8 +38,7 @@ fn thermal_axes_differ_and_the_room_moves_one_of_them() {
                 }
             }
         }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
+        let report = answer("thermal", BAR, &csv);
         if room == 0.0 {
             assert_eq!(report["verdict"], "consistent", "{}", report["unnamed"]);
         } else {
@@ -96,9 +92,6 @@ fn what_one_axis_does_alone_gets_no_name_but_its_axis() {
 /// a channel's to which nothing is connected.
 #[test]
 fn a_constant_is_named_where_the_run_starts_warm() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let mut normal = normal();
     let mut csv =
         String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c,head_3_c\n");
@@ -112,8 +105,7 @@ fn a_constant_is_named_where_the_run_starts_warm() {
             writeln!(csv, "{t},x,{place},{error:.6},{screw:.3},{h1:.3},{h2:.3},5.000").unwrap();
         }
     }
-    std::fs::write(folder.join("data.csv"), csv).unwrap();
-    let report = diagnose("thermal", folder);
+    let report = answer("thermal", BAR, &csv);
     assert_eq!(report["verdict"], "named", "{report:#}");
     assert_eq!(report["effects"][0]["name"], "head-constant");
     assert!(report["warnings"].to_string().contains("head_3_c never changes"), "{report:#}");
@@ -123,9 +115,6 @@ fn a_constant_is_named_where_the_run_starts_warm() {
 /// it followed the other. And a drift with the root of time is one name.
 #[test]
 fn a_sensor_that_stops_before_the_head_does_and_heat_that_soaks_in_have_their_names() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let lag = |t: f64, after: f64| 1.0 - (-t.max(0.0) / after).exp();
     let cycle = |t: f64, after: f64| {
         let switched = [0.0, 6000.0, 10_000.0, 15_000.0];
@@ -147,8 +136,7 @@ fn a_sensor_that_stops_before_the_head_does_and_heat_that_soaks_in_have_their_na
                 writeln!(csv, "{t},x,{place},{error:.6},21.0,{fast:.3},{read:.3}").unwrap();
             }
         }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
+        let report = answer("thermal", BAR, &csv);
         let effects = report["effects"].as_array().unwrap();
         assert_eq!(
             (effects.len(), &report["verdict"]),
@@ -162,9 +150,6 @@ fn a_sensor_that_stops_before_the_head_does_and_heat_that_soaks_in_have_their_na
 /// A sensor seen to stop is among the names of what it leaves; a constant and a curve over position are two names, no polynomial.
 #[test]
 fn stopped_sensors_and_pairs_have_their_names() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let report = |stops: bool| {
         let mut normal = normal();
         let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
@@ -179,8 +164,7 @@ fn stopped_sensors_and_pairs_have_their_names() {
                 writeln!(csv, "{t},x,{place},{error:.6},{:.3},{read:.3}", screw + 21.0).unwrap();
             }
         }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        diagnose("thermal", folder)
+        answer("thermal", BAR, &csv)
     };
     let dead = report(true);
     assert!(class(&dead).contains(&"sensor-dead"), "{dead:#}");
@@ -194,9 +178,6 @@ fn stopped_sensors_and_pairs_have_their_names() {
 /// readings of a sweep or by the sweep next to it, not by those hours before.
 #[test]
 fn a_hysteresis_is_named_where_sweeps_are_few_and_the_screw_turns_between_them() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     // What the screw tends to, and from when on.
     let tends = [(0.0, 7.0), (6200.0, 5.5), (9300.0, 7.0), (11_000.0, 0.0)];
     let screw = |t: f64| {
@@ -222,8 +203,7 @@ fn a_hysteresis_is_named_where_sweeps_are_few_and_the_screw_turns_between_them()
             writeln!(csv, "{t},x,{place},{error:.6},{:.2},{head:.2}", 20.0 + screw(t)).unwrap();
         }
     }
-    std::fs::write(folder.join("data.csv"), csv).unwrap();
-    let report = diagnose("thermal", folder);
+    let report = answer("thermal", BAR, &csv);
     let effects = report["effects"].as_array().unwrap();
     assert_eq!((effects.len(), &report["verdict"]), (1, &"named".into()), "{effects:#?}");
     assert!(class(&report).contains(&"heating-hysteresis"), "{effects:#?}");
@@ -232,9 +212,6 @@ fn a_hysteresis_is_named_where_sweeps_are_few_and_the_screw_turns_between_them()
 /// Of two sensors the one that stopped is dead, not the one that has cooled down and rests; and where nothing but rest is seen, none is.
 #[test]
 fn a_sensor_that_has_come_to_rest_is_not_dead() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     for stops in [true, false] {
         let mut normal = normal();
         let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
@@ -252,8 +229,7 @@ fn a_sensor_that_has_come_to_rest_is_not_dead() {
                 writeln!(csv, "{t},x,{place},{error:.6},{screw:.2},{fast:.2},{read:.2}").unwrap();
             }
         }
-        std::fs::write(folder.join("data.csv"), csv).unwrap();
-        let report = diagnose("thermal", folder);
+        let report = answer("thermal", BAR, &csv);
         let warnings = report["warnings"].to_string();
         assert!(!warnings.contains("head_1_c no longer"), "{warnings}");
         assert_eq!(warnings.contains("head_2_c no longer"), stops, "{warnings}");
@@ -263,9 +239,6 @@ fn a_sensor_that_has_come_to_rest_is_not_dead() {
 /// Where there is no other sensor and the screw stays as it is, a reading that stops in the midst of a change is a dead sensor's.
 #[test]
 fn an_only_sensor_that_stops_in_the_midst_of_a_change_is_dead() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let mut normal = normal();
     let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
     for k in 0..40 {
@@ -277,8 +250,7 @@ fn an_only_sensor_that_stops_in_the_midst_of_a_change_is_dead() {
             writeln!(csv, "{t},x,{place},{error:.6},21.00,{read:.2}").unwrap();
         }
     }
-    std::fs::write(folder.join("data.csv"), csv).unwrap();
-    let report = diagnose("thermal", folder);
+    let report = answer("thermal", BAR, &csv);
     assert!(report["warnings"].to_string().contains("head_1_c no longer"), "{report:#}");
     assert!(class(&report).contains(&"sensor-dead"), "{report:#}");
 }
@@ -286,9 +258,6 @@ fn an_only_sensor_that_stops_in_the_midst_of_a_change_is_dead() {
 /// Rows of one time have no order: which way a screw goes between them is noise, in whatever order they are written.
 #[test]
 fn rows_of_one_time_may_stand_in_any_order() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
-    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
     let mut normal = normal();
     let mut rows = Vec::new();
     for k in 0..40 {
@@ -301,18 +270,17 @@ fn rows_of_one_time_may_stand_in_any_order() {
             rows.push(format!("{t},x,{place},{error:.6},{read:.3},{head:.3}"));
         }
     }
-    let answer = |rows: &[String]| {
+    let named = |rows: &[String]| {
         let head = "t_s,axis,position_mm,error_mm,screw_c,head_1_c\n";
-        std::fs::write(folder.join("data.csv"), head.to_owned() + &rows.join("\n")).unwrap();
-        let report = diagnose("thermal", folder);
+        let report = answer("thermal", BAR, &(head.to_owned() + &rows.join("\n")));
         (
             report["verdict"].clone(),
             report["effects"].as_array().unwrap().len(),
             class(&report).join(" "),
         )
     };
-    let written = answer(&rows);
+    let written = named(&rows);
     rows.reverse();
-    assert_eq!(written, answer(&rows));
+    assert_eq!(written, named(&rows));
     assert!(written.2.contains("heating-hysteresis"), "{written:?}");
 }

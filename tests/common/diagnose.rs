@@ -20,6 +20,14 @@ pub fn diagnose(kind: &str, folder: &Path) -> Value {
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
+/// The answer to data of a machine.
+pub fn answer(kind: &str, machine: &str, csv: &str) -> Value {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("machine.toml"), machine).unwrap();
+    std::fs::write(folder.path().join("data.csv"), csv).unwrap();
+    diagnose(kind, folder.path())
+}
+
 /// Standard normal numbers.
 pub fn normal() -> impl FnMut() -> f64 {
     let mut state = 20_261_u64;

@@ -285,10 +285,16 @@ pub fn held(times_s: &[f64], values: &[f64], lag_s: f64) -> Vec<f64> {
     lag(times_s, values, |dt, _, value, y| y + (1.0 - (-dt / lag_s).exp()) * (value - y))
 }
 
-/// A lag whose next value follows from the time gone by, the last and the present reading, and its last value.
-fn lag(times_s: &[f64], values: &[f64], next: impl Fn(f64, f64, f64, f64) -> f64) -> Vec<f64> {
+/// Rows in the order of time.
+fn in_time(times_s: &[f64]) -> Vec<usize> {
     let mut order: Vec<usize> = (0..times_s.len()).collect();
     order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    order
+}
+
+/// A lag whose next value follows from the time gone by, the last and the present reading, and its last value.
+fn lag(times_s: &[f64], values: &[f64], next: impl Fn(f64, f64, f64, f64) -> f64) -> Vec<f64> {
+    let order = in_time(times_s);
     let mut out = vec![0.0; values.len()];
     let Some(&first) = order.first() else { return out };
     let (mut t, mut v, mut y) = (times_s[first], values[first], values[first]);

@@ -130,8 +130,7 @@ pub struct Readings {
 impl Readings {
     /// From the rows' times and values.
     pub fn new(times_s: &[f64], values: &[f64]) -> Self {
-        let mut order: Vec<usize> = (0..times_s.len()).collect();
-        order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+        let order = super::in_time(times_s);
         let mut new =
             Self { times_s: Vec::new(), values: Vec::new(), of_row: vec![0; times_s.len()] };
         for rows in order.chunk_by(|a, b| times_s[*a] == times_s[*b]) {

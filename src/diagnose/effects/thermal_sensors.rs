@@ -3,22 +3,24 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::data::columns::Columns;
-use crate::diagnose::effects::lagged;
 use crate::diagnose::effects::thermal_columns::Column;
+use crate::diagnose::effects::{in_time, lagged};
 use crate::fit::robust::range;
 
 /// The sensor whose reading stops changing first, for at least a tenth of the rows, while others or the screw go on or in the midst of a
 /// change. One that never changed at all has not stopped, nor has one that has come to rest where it began.
 pub fn dead_sensor(data: &Columns) -> Option<usize> {
     let rows = data.series.len();
-    let stuck = |sensor: usize| gone(data, sensor).iter().filter(|g| **g > 0.0).count();
-    (0..data.head_c.len())
-        .map(|sensor| (stuck(sensor), sensor))
-        .filter(|(stuck, _)| *stuck > (rows / 10).max(5) && *stuck < rows)
-        .filter(|(_, sensor)| !rests(data, *sensor))
-        .filter(|(_, sensor)| others_go_on(data, *sensor) || stops_short(data, *sensor))
-        .max_by_key(|(stuck, sensor)| (*stuck, std::cmp::Reverse(*sensor)))
-        .map(|(_, sensor)| sensor)
+    let stopped = |sensor: usize| {
+        let gone = gone(data, sensor);
+        let stuck = gone.iter().filter(|g| **g > 0.0).count();
+        let is_dead = stuck > (rows / 10).max(5)
+            && stuck < rows
+            && !rests(data, sensor)
+            && (others_go_on(data, sensor, &gone) || stops_short(data, sensor, &gone));
+        is_dead.then_some((stuck, std::cmp::Reverse(sensor)))
+    };
+    (0..data.head_c.len()).filter_map(stopped).max().map(|(_, sensor)| sensor.0)
 }
 
 /// Whether a reading that no longer changes has come, step by step, to where it was at first.
@@ -26,7 +28,8 @@ fn rests(data: &Columns, sensor: usize) -> bool {
     /// Parts of its range that count as the same place, and as a step.
     const SAME: f64 = 0.02;
     const STEP: f64 = 0.2;
-    let readings: Vec<f64> = in_time(data).into_iter().map(|r| data.head_c[sensor][r]).collect();
+    let order = in_time(data.get("t_s"));
+    let readings: Vec<f64> = order.into_iter().map(|r| data.head_c[sensor][r]).collect();
     let (low, high) = range(&readings);
     let (Some(first), Some(last)) = (readings.first(), readings.last()) else { return false };
     let before = readings.iter().rfind(|v| *v != last).unwrap_or(last);
@@ -34,13 +37,12 @@ fn rests(data: &Columns, sensor: usize) -> bool {
 }
 
 /// Whether another sensor or the screw still changes while a sensor's reading no longer does.
-fn others_go_on(data: &Columns, sensor: usize) -> bool {
+fn others_go_on(data: &Columns, sensor: usize, gone: &[f64]) -> bool {
     /// By this part of its range and so many degrees: readings flicker.
     const GOES_ON: f64 = 0.1;
     const LEAST_C: f64 = 0.2;
-    let gone = gone(data, sensor);
     let goes_on = |column: &[f64]| {
-        let later = column.iter().zip(&gone).filter(|(_, g)| **g > 0.0).map(|(v, _)| *v);
+        let later = column.iter().zip(gone).filter(|(_, g)| **g > 0.0).map(|(v, _)| *v);
         let (all, later) = (range(column), range(&later.collect::<Vec<f64>>()));
         later.1 - later.0 > (GOES_ON * (all.1 - all.0)).max(LEAST_C)
     };
@@ -49,13 +51,13 @@ fn others_go_on(data: &Columns, sensor: usize) -> bool {
 }
 
 /// Whether a reading stops in the midst of a change: one that settles changes ever less.
-fn stops_short(data: &Columns, sensor: usize) -> bool {
+fn stops_short(data: &Columns, sensor: usize, gone: &[f64]) -> bool {
     /// Part of the run before it stops, and of its range that it then changes by.
     const BEFORE: f64 = 0.05;
     const CHANGES: f64 = 0.05;
-    let (t, column, gone) = (data.get("t_s"), &data.head_c[sensor], gone(data, sensor));
+    let (t, column) = (data.get("t_s"), &data.head_c[sensor]);
     let (start, end) = data.times_s();
-    let stop = first_gone_s(data, &gone);
+    let stop = first_gone_s(data, gone);
     let at = |from: f64| (0..t.len()).filter(move |r| t[*r] >= from && t[*r] <= stop);
     let late: Vec<f64> = at(stop - BEFORE * (end - start)).map(|r| column[r]).collect();
     let ((low, high), (least, most)) = (range(&late), range(column));
@@ -64,7 +66,7 @@ fn stops_short(data: &Columns, sensor: usize) -> bool {
 
 /// 1 from when on a sensor's reading no longer changes, 0 before.
 pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
-    let (order, column) = (in_time(data), &data.head_c[sensor]);
+    let (order, column) = (in_time(data.get("t_s")), &data.head_c[sensor]);
     let last = order.last().map_or(0.0, |row| column[*row]);
     let changes = order.iter().rposition(|row| column[*row] != last);
     let mut out = vec![0.0; column.len()];
@@ -120,12 +122,4 @@ pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
     let at = |t: f64, i: usize| (1.0 - ((t - from) / step - i as f64).abs()).max(0.0);
     let hat = |i| t.iter().zip(&gone).map(|(t, gone)| gone * at(*t, i)).collect();
     (0..count).map(hat).collect()
-}
-
-/// Rows in the order of time.
-fn in_time(data: &Columns) -> Vec<usize> {
-    let t = data.get("t_s");
-    let mut order: Vec<usize> = (0..t.len()).collect();
-    order.sort_by(|a, b| t[*a].total_cmp(&t[*b]));
-    order
 }

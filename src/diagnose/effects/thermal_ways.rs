@@ -1,6 +1,7 @@
 //! Does a screw warm up or cool down? At a turn, and where readings are rounded or noisy, that is told by those nearest.
 
 use crate::diagnose::data::columns::Columns;
+use crate::diagnose::effects::in_time;
 use crate::diagnose::effects::thermal_columns::{Readings, heating, of_each_screw};
 use crate::fit::robust::{median, range};
 
@@ -33,44 +34,45 @@ fn ways(times_s: &[f64], values: &[f64]) -> Vec<Option<f64>> {
     const MUCH: f64 = 2.0;
     /// Standard deviations by which readings must differ.
     const CLEAR: f64 = 2.0;
-    let mut order: Vec<usize> = (0..times_s.len()).collect();
-    order.sort_by(|a, b| times_s[*a].total_cmp(&times_s[*b]));
+    let order = in_time(times_s);
     let sorted: Vec<[f64; 2]> = order.iter().map(|i| [times_s[*i], values[*i]]).collect();
     let (first, last) = range(times_s);
     let apart = (last - first) / 60.0;
     let least_sd = least_step(values) / 12.0f64.sqrt();
-    let about = |t: f64| About::of(&sorted, t, apart);
-    let lines = sorted.iter().filter_map(|p| about(p[0]).line());
-    let mut spreads: Vec<f64> = lines.map(|line| line.left_sd).collect();
+    let abouts: Vec<About> = sorted.iter().map(|p| About::of(&sorted, p[0], apart)).collect();
+    let lines: Vec<Option<Line>> = abouts.iter().map(About::line).collect();
+    let mut spreads: Vec<f64> = lines.iter().flatten().map(|line| line.left_sd).collect();
     let sd = if spreads.is_empty() { 0.0 } else { median(&mut spreads) };
-    let sd_of_mean = |about: &About| least_sd.max(sd / (about.readings.len() as f64).sqrt());
-    (times_s.iter())
-        .map(|t| {
-            let own = about(*t);
-            if let Some(way) = own.line().and_then(|line| line.way(sd.max(least_sd))) {
-                return Some(way);
-            }
-            let before = own.from.checked_sub(1).map(|i| sorted[i][0]);
-            let after = sorted.get(own.to).map(|p| p[0]);
-            let gap = |at: Option<f64>| at.map_or(f64::INFINITY, |at| (at - t).abs());
-            let (other, sense) = match (before, after) {
-                (Some(before), _) if MUCH * gap(Some(before)) < gap(after) => (before, 1.0),
-                (_, Some(after)) if MUCH * gap(Some(after)) < gap(before) => (after, -1.0),
-                _ => return None,
-            };
-            let other = about(other);
-            let change = sense * (own.mean()[1] - other.mean()[1]);
-            let clear = change.abs() > CLEAR * sd_of_mean(&own).hypot(sd_of_mean(&other));
-            clear.then_some(change.signum())
-        })
-        .collect()
+    let sd_of_mean = |about: &About| least_sd.max(sd / (about.readings().len() as f64).sqrt());
+    let by_sides = |at: usize, own: &About| {
+        let (before, after) = (own.from.checked_sub(1), Some(own.to).filter(|i| *i < sorted.len()));
+        let gap = |side: Option<usize>| {
+            side.map_or(f64::INFINITY, |i| (sorted[i][0] - sorted[at][0]).abs())
+        };
+        let (other, sense) = if MUCH * gap(before) < gap(after) {
+            (&abouts[before?], 1.0)
+        } else if MUCH * gap(after) < gap(before) {
+            (&abouts[after?], -1.0)
+        } else {
+            return None;
+        };
+        let change = sense * (own.mean()[1] - other.mean()[1]);
+        let clear = change.abs() > CLEAR * sd_of_mean(own).hypot(sd_of_mean(other));
+        clear.then_some(change.signum())
+    };
+    let mut ways = vec![None; values.len()];
+    for (at, (own, line)) in abouts.iter().zip(&lines).enumerate() {
+        let by_line = line.as_ref().and_then(|line| line.way(sd.max(least_sd)));
+        ways[order[at]] = by_line.or_else(|| by_sides(at, own));
+    }
+    ways
 }
 
 /// Readings near a time.
-struct About {
-    /// Time and value, evenly picked where they are many.
-    readings: Vec<[f64; 2]>,
-    /// Where all of them stand in the order of time.
+struct About<'a> {
+    /// Time and value of all readings, in the order of time.
+    sorted: &'a [[f64; 2]],
+    /// Which of them are near.
     from: usize,
     to: usize,
 }
@@ -84,20 +86,24 @@ struct Line {
     left_sd: f64,
 }
 
-impl About {
-    /// Those less than `apart` away, of readings in the order of time.
-    fn of(sorted: &[[f64; 2]], t: f64, apart: f64) -> Self {
-        /// Readings that a line is laid through, at most.
-        const ENOUGH: usize = 64;
+impl<'a> About<'a> {
+    /// Those less than `apart` away.
+    fn of(sorted: &'a [[f64; 2]], t: f64, apart: f64) -> Self {
         let from = sorted.partition_point(|p| p[0] <= t - apart);
         let to = sorted.partition_point(|p| p[0] < t + apart).max(from);
-        let every = (to - from).div_ceil(ENOUGH).max(1);
-        Self { readings: sorted[from..to].iter().step_by(every).copied().collect(), from, to }
+        Self { sorted, from, to }
+    }
+
+    /// The readings, evenly picked where they are many.
+    fn readings(&self) -> impl ExactSizeIterator<Item = &[f64; 2]> {
+        const ENOUGH: usize = 64;
+        let every = (self.to - self.from).div_ceil(ENOUGH).max(1);
+        self.sorted[self.from..self.to].iter().step_by(every)
     }
 
     fn mean(&self) -> [f64; 2] {
-        let n = self.readings.len().max(1) as f64;
-        [0, 1].map(|axis| self.readings.iter().map(|p| p[axis]).sum::<f64>() / n)
+        let n = self.readings().len().max(1) as f64;
+        [0, 1].map(|axis| self.readings().map(|p| p[axis]).sum::<f64>() / n)
     }
 
     /// The line through them; `None` where they are too few.
@@ -105,10 +111,10 @@ impl About {
         const FEWEST: usize = 4;
         let middle = self.mean();
         let product = |a: usize, b: usize| -> f64 {
-            self.readings.iter().map(|p| (p[a] - middle[a]) * (p[b] - middle[b])).sum()
+            self.readings().map(|p| (p[a] - middle[a]) * (p[b] - middle[b])).sum()
         };
-        let (tt, tv, dof) = (product(0, 0), product(0, 1), self.readings.len() as f64 - 2.0);
-        let enough = self.readings.len() >= FEWEST && tt > 0.0;
+        let (tt, tv, dof) = (product(0, 0), product(0, 1), self.readings().len() as f64 - 2.0);
+        let enough = self.readings().len() >= FEWEST && tt > 0.0;
         enough.then(|| Line {
             slope: tv / tt,
             error_per_sd: 1.0 / tt.sqrt(),
