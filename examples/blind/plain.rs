@@ -4,7 +4,7 @@
 use rand::{Rng, RngExt};
 use rand_chacha::ChaCha8Rng;
 
-use pivotsight::diagnose::data::columns::ColumnsExperiment;
+use pivotsight::diagnose::data::plain::PlainExperiment;
 use pivotsight::diagnose::experiment::{Experiment, PlannedCapture};
 use pivotsight::machine::{Head, Machine, Table as Origin};
 use pivotsight::table::Table;
@@ -332,9 +332,9 @@ pub fn read(kind: &str, csv: &str) -> Box<dyn Experiment> {
     let warnings = &mut Vec::new();
     Box::new(
         match data(kind) {
-            "burn" => ColumnsExperiment::burn_table(&table, &machine, warnings),
-            "thermal" => ColumnsExperiment::thermal_table(&table, &machine, warnings),
-            _ => ColumnsExperiment::ballbar_table(&table, &machine, warnings),
+            "burn" => PlainExperiment::burn_table(&table, &machine, warnings),
+            "thermal" => PlainExperiment::thermal_table(&table, &machine, warnings),
+            _ => PlainExperiment::ballbar_table(&table, &machine, warnings),
         }
         .expect("good data"),
     )

@@ -56,21 +56,7 @@ impl Data {
             let index = match paths.iter().position(|(n, _)| *n == key) {
                 Some(index) => index,
                 None => {
-                    let given = options.paths.iter().find(|(n, _)| n == name).map(|p| p.1);
-                    let mut path = match (given, name, &shifts) {
-                        (Some(path), ..) => path,
-                        (None, "", _) => Path::SOURCE,
-                        // A name of one's own does where the columns say all that a path does.
-                        (None, _, Some(_)) if table.has("x_mm") && table.has("z_mm") => {
-                            Path::parse(name).unwrap_or(Path::SOURCE)
-                        }
-                        (None, ..) => Path::parse(name)
-                            .map_err(|e| e.in_file(table.path(), Some(table.line(row))))?,
-                    };
-                    if let Some(y) = &shifts {
-                        path.cup_y_mm = y[row];
-                    }
-                    paths.push((key, path));
+                    paths.push((key, path_of(&table, row, shifts.as_deref(), options)?));
                     paths.len() - 1
                 }
             };
@@ -99,20 +85,7 @@ impl Data {
             points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm });
         }
         let lengths_mm = table.column("length_mm")?;
-        let bar = Bar::new(&options.setup)?;
-        let gap = |points: &[Point]| -> Result<f64> {
-            let nominal = bar.known(points, &[0.0; 6])?;
-            Ok(nominal.iter().zip(&lengths_mm).map(|(n, l)| (n - l).abs()).fold(0.0, f64::max))
-        };
-        let down = gap(&points)?;
-        if table.has("z_mm") {
-            let mut turned = points.clone();
-            turned.iter_mut().for_each(|p| p.pose.up_mm = -p.pose.up_mm);
-            if gap(&turned)? < down {
-                points = turned;
-            }
-        }
-        let largest = gap(&points)?;
+        let largest = with_sense(&mut points, &lengths_mm, options, table.has("z_mm"))?;
         if largest > 5.0 {
             return Err(Error::file(
                 table.path(),
@@ -122,4 +95,50 @@ impl Data {
         }
         Ok(Self { points, lengths_mm, paths, warnings })
     }
+}
+
+/// The path that a row's name stands for.
+fn path_of(table: &Table, row: usize, cup_y_mm: Option<&[f64]>, options: &Options) -> Result<Path> {
+    let name = table.text(row, "path");
+    let given = options.paths.iter().find(|(n, _)| n == name).map(|p| p.1);
+    let mut path = match (given, name, cup_y_mm) {
+        (Some(path), ..) => path,
+        (None, "", _) => Path::SOURCE,
+        // A name of one's own does where the columns say all that a path does.
+        (None, _, Some(_)) if table.has("x_mm") && table.has("z_mm") => {
+            Path::parse(name).unwrap_or(Path::SOURCE)
+        }
+        (None, ..) => {
+            Path::parse(name).map_err(|e| e.in_file(table.path(), Some(table.line(row))))?
+        }
+    };
+    if let Some(y) = cup_y_mm {
+        path.cup_y_mm = y[row];
+    }
+    Ok(path)
+}
+
+/// Turns the points' Z round where the lengths say that the file counts it the other way. Tells how far the lengths are from the set-up's.
+fn with_sense(
+    points: &mut Vec<Point>,
+    lengths_mm: &[f64],
+    options: &Options,
+    may_be_up: bool,
+) -> Result<f64> {
+    let bar = Bar::new(&options.setup)?;
+    let gap = |points: &[Point]| -> Result<f64> {
+        let nominal = bar.known(points, &[0.0; 6])?;
+        Ok(nominal.iter().zip(lengths_mm).map(|(n, l)| (n - l).abs()).fold(0.0, f64::max))
+    };
+    let down = gap(points)?;
+    if may_be_up {
+        let mut turned = points.clone();
+        turned.iter_mut().for_each(|p| p.pose.up_mm = -p.pose.up_mm);
+        let up = gap(&turned)?;
+        if up < down {
+            *points = turned;
+            return Ok(up);
+        }
+    }
+    Ok(down)
 }

@@ -9,6 +9,7 @@ use super::{Global, Outcome, Status, result, seconds};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
+use crate::live::average::LEAST_FRAMES;
 use crate::live::center::{self, News, Options, Report};
 use crate::live::store::{Position, Store};
 use crate::live::{self, Feed};
@@ -90,11 +91,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let report = &made.report;
     let mut warnings: Vec<String> = calibration.doubt().into_iter().collect();
     if report.verdict == Verdict::Undecided && args.tolerance_mm.is_none() {
-        warnings.push(if report.frames_used < center::LEAST_FRAMES {
+        warnings.push(if report.frames_used < LEAST_FRAMES {
             format!(
                 "{} frames show the centre in one place, {} have to: let more come",
-                report.frames_used,
-                center::LEAST_FRAMES
+                report.frames_used, LEAST_FRAMES
             )
         } else {
             format!(

@@ -10,7 +10,7 @@ use crate::cli::{Global, Outcome, result};
 use crate::diagnose::files::{Diagnosed, Options, diagnose, plan};
 use crate::diagnose::load::Source;
 use crate::diagnose::page;
-use crate::diagnose::report::{Detectable, Report};
+use crate::diagnose::report::{Detectable, NamedEffect, Outlier, Report};
 use crate::error::{Error, Result};
 use crate::machine::DataKind;
 use crate::output::Document;
@@ -140,33 +140,7 @@ fn table(r: &Report) -> String {
         1e3 * r.noise_mm,
         r.noise_source
     );
-    for e in &r.effects {
-        let _ = writeln!(
-            t,
-            "effect    {}: {} ({:.0} % of the gap)",
-            e.name, e.meaning, e.share_percent
-        );
-        for (name, value) in &e.parameters {
-            match e.parameters_u95.get(name) {
-                Some(u) => {
-                    let _ = writeln!(t, "            {name} = {value:.6} ± {u:.6}");
-                }
-                None => {
-                    let _ = writeln!(t, "            {name} = {value}");
-                }
-            }
-        }
-        if !e.confusable_with.is_empty() {
-            let _ = writeln!(t, "            fits as well: {}", e.confusable_with.join(", "));
-        }
-        if !e.form_corrected_over.is_empty() {
-            let _ = writeln!(
-                t,
-                "            its size changes with {} more than the library's forms say",
-                e.form_corrected_over.join(", ")
-            );
-        }
-    }
+    r.effects.iter().for_each(|e| t.push_str(&effect_lines(e)));
     for e in &r.in_the_control {
         let u95 = e.u95_mm.map_or(String::new(), |u| format!(" ± {u:.4}"));
         let _ = writeln!(
@@ -211,18 +185,51 @@ fn table(r: &Report) -> String {
             let _ = writeln!(t, "         {cells}");
         }
     }
-    if !r.outliers.is_empty() {
-        /// So many are listed; all are in the JSON.
-        const LISTED: usize = 6;
-        let named = r.outliers.iter().take(LISTED).map(|o| match o.column {
-            Some(column) => format!("row {} {column}", o.row),
-            None => format!("row {}", o.row),
-        });
-        let more = if r.outliers.len() > LISTED { ", …" } else { "" };
-        let list = named.collect::<Vec<_>>().join(", ");
-        let _ = writeln!(t, "outliers  {} values set aside: {list}{more}", r.outliers.len());
+    t.push_str(&outliers_line(&r.outliers));
+    t
+}
+
+/// A named effect: its parameters, what fits as well, what was corrected of its form.
+fn effect_lines(e: &NamedEffect) -> String {
+    let mut t = String::new();
+    let _ =
+        writeln!(t, "effect    {}: {} ({:.0} % of the gap)", e.name, e.meaning, e.share_percent);
+    for (name, value) in &e.parameters {
+        match e.parameters_u95.get(name) {
+            Some(u) => {
+                let _ = writeln!(t, "            {name} = {value:.6} ± {u:.6}");
+            }
+            None => {
+                let _ = writeln!(t, "            {name} = {value}");
+            }
+        }
+    }
+    if !e.confusable_with.is_empty() {
+        let _ = writeln!(t, "            fits as well: {}", e.confusable_with.join(", "));
+    }
+    if !e.form_corrected_over.is_empty() {
+        let _ = writeln!(
+            t,
+            "            its size changes with {} more than the library's forms say",
+            e.form_corrected_over.join(", ")
+        );
     }
     t
+}
+
+fn outliers_line(outliers: &[Outlier]) -> String {
+    /// So many are listed; all are in the JSON.
+    const LISTED: usize = 6;
+    if outliers.is_empty() {
+        return String::new();
+    }
+    let named = outliers.iter().take(LISTED).map(|o| match o.column {
+        Some(column) => format!("row {} {column}", o.row),
+        None => format!("row {}", o.row),
+    });
+    let more = if outliers.len() > LISTED { ", …" } else { "" };
+    let list = named.collect::<Vec<_>>().join(", ");
+    format!("outliers  {} values set aside: {list}{more}\n", outliers.len())
 }
 
 /// A size with three digits that count.

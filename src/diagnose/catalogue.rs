@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use crate::camera::{Calibration, Mapping};
-use crate::diagnose::data::columns::{self, ColumnsExperiment};
+use crate::diagnose::data::plain::{self, PlainExperiment};
 use crate::diagnose::data::rod::{self, RodExperiment};
 use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::data::spelt;
@@ -40,12 +40,12 @@ pub fn catalogue() -> Result<Vec<Kind>> {
     let mapping = Mapping::Scale { mm_per_px: 0.01, rotation_deg: 0.0 };
     let scale = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let rod = RodExperiment::from_table(&rod, &scale, Some(&machine), said)?;
-    let bar = table("ballbar", columns::BALLBAR_COLUMNS, bar())?;
-    let bar = ColumnsExperiment::ballbar_table(&bar, &machine, said)?;
-    let warm = table("thermal", columns::THERMAL_COLUMNS, warm())?;
-    let warm = ColumnsExperiment::thermal_table(&warm, &machine, said)?;
-    let burns = table("burn", columns::BURN_COLUMNS, burns())?;
-    let burns = ColumnsExperiment::burn_table(&burns, &machine, said)?;
+    let bar = table("ballbar", plain::BALLBAR_COLUMNS, bar())?;
+    let bar = PlainExperiment::ballbar_table(&bar, &machine, said)?;
+    let warm = table("thermal", plain::THERMAL_COLUMNS, warm())?;
+    let warm = PlainExperiment::thermal_table(&warm, &machine, said)?;
+    let burns = table("burn", plain::BURN_COLUMNS, burns())?;
+    let burns = PlainExperiment::burn_table(&burns, &machine, said)?;
     let all: [&dyn Experiment; 5] = [&rtcp, &rod, &bar, &warm, &burns];
     Ok(all.map(|e| Kind { kind: e.kind(), effects: e.effects().to_vec() }).into())
 }

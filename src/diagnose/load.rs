@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use crate::camera::Calibration;
-use crate::diagnose::data::columns::{self, ColumnsExperiment};
 use crate::diagnose::data::of_model;
+use crate::diagnose::data::plain::{self, PlainExperiment};
 use crate::diagnose::data::rod::{self, RodExperiment};
 use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::experiment::Experiment;
@@ -67,9 +67,9 @@ impl Source {
         let (required, optional) = match self.kind {
             DataKind::Rtcp => rtcp::COLUMNS,
             DataKind::Rod => rod::COLUMNS,
-            DataKind::Ballbar => columns::BALLBAR_COLUMNS,
-            DataKind::Thermal => columns::THERMAL_COLUMNS,
-            DataKind::Burn => columns::BURN_COLUMNS,
+            DataKind::Ballbar => plain::BALLBAR_COLUMNS,
+            DataKind::Thermal => plain::THERMAL_COLUMNS,
+            DataKind::Burn => plain::BURN_COLUMNS,
         };
         let mut table = Table::read(&self.data, required, optional)?;
         let readings: &[&str] = match self.kind {
@@ -106,12 +106,12 @@ impl Source {
                 Box::new(RodExperiment::from_table(&table, &calibration, Some(machine), warnings)?)
             }
             DataKind::Ballbar => {
-                Box::new(ColumnsExperiment::ballbar_table(&table, machine, warnings)?)
+                Box::new(PlainExperiment::ballbar_table(&table, machine, warnings)?)
             }
             DataKind::Thermal => {
-                Box::new(ColumnsExperiment::thermal_table(&table, machine, warnings)?)
+                Box::new(PlainExperiment::thermal_table(&table, machine, warnings)?)
             }
-            DataKind::Burn => Box::new(ColumnsExperiment::burn_table(&table, machine, warnings)?),
+            DataKind::Burn => Box::new(PlainExperiment::burn_table(&table, machine, warnings)?),
         })
     }
 }

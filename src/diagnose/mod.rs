@@ -32,6 +32,7 @@ pub mod report;
 mod rim;
 pub mod run;
 pub mod score;
+pub mod screen;
 pub mod select;
 pub mod shape;
 pub mod simulate;

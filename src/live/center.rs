@@ -11,11 +11,12 @@ use serde::Serialize;
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result, above_zero};
 use crate::frame::Frame;
+use crate::live::average::{Average, LEAST_FRAMES};
 use crate::live::track::Tracker;
 use crate::live::{Event, Feed, Shot, Stats};
 use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
-use crate::uncertainty::{K95, Verdict, distance, k95};
+use crate::uncertainty::{K95, Verdict, distance};
 
 /// What is asked for.
 #[derive(Debug, Clone)]
@@ -139,38 +140,26 @@ pub fn run(
         };
         seen += 1;
         let first = *first.get_or_insert_with(Instant::now);
-        // A damaged frame is not the stream's end.
-        let frame = match shot.frame() {
-            Ok(frame) => calibration.linear(frame),
-            Err(e) => {
+        let looked = match usable(&shot, &shot.name(seen), calibration, &mut view)? {
+            Ok((frame, view)) => match tracker.look(&frame, view) {
+                Some(ring) => Ok((frame, view, ring)),
+                None => Err("no circle was found".into()),
+            },
+            Err(reason) => Err(reason),
+        };
+        let (frame, view, ring) = match looked {
+            Ok(all) => all,
+            Err(reason) => {
                 failed += 1;
-                tell(News::NotSeen(e.to_string()))?;
+                tell(News::NotSeen(reason.clone()))?;
+                why = reason;
                 continue;
             }
-        };
-        let (width, height) = (frame.width(), frame.height());
-        let view = match &view {
-            Some(view) => view,
-            None => view.insert(calibration.view_of(&shot.name(seen), width, height)?),
-        };
-        if (view.width_px(), view.height_px()) != (width, height) {
-            failed += 1;
-            let (w, h) = (view.width_px(), view.height_px());
-            let name = shot.name(seen);
-            why = format!("{name} has {width}×{height} px where the first frame has {w}×{h} px");
-            tell(News::NotSeen(why.clone()))?;
-            continue;
-        }
-        let Some(ring) = tracker.look(&frame, view) else {
-            failed += 1;
-            why = "no circle was found".into();
-            tell(News::NotSeen(why.clone()))?;
-            continue;
         };
         if average.add(&ring, 0.25 * view.pixel_mm()) {
             tell(News::Moved)?;
         }
-        let mut report = average.report(&ring, view, calibration, options);
+        let mut report = report(&average, &ring, view, calibration, options);
         report.count(seen, failed, feed.stats());
         report.frames_per_s = (seen - 1) as f64 / first.elapsed().as_secs_f64().max(1e-9);
         tell(News::Seen(&report, &frame, view, &ring))?;
@@ -193,6 +182,31 @@ pub fn run(
     })
 }
 
+/// A frame as it is measured, with the view of the first one; or why it cannot be: a damaged frame is not the stream's end.
+fn usable<'v>(
+    shot: &Shot,
+    name: &str,
+    calibration: &Calibration,
+    view: &'v mut Option<View>,
+) -> Result<std::result::Result<(Frame, &'v View), String>> {
+    let frame = match shot.frame() {
+        Ok(frame) => calibration.linear(frame),
+        Err(e) => return Ok(Err(e.to_string())),
+    };
+    let (width, height) = (frame.width(), frame.height());
+    let view = match view {
+        Some(view) => view,
+        None => view.insert(calibration.view_of(name, width, height)?),
+    };
+    let (w, h) = (view.width_px(), view.height_px());
+    Ok(match (w, h) == (width, height) {
+        true => Ok((frame, view)),
+        false => {
+            Err(format!("{name} has {width}×{height} px where the first frame has {w}×{h} px"))
+        }
+    })
+}
+
 fn check(options: &Options) -> Result<()> {
     let lengths = [
         ("--u95-mm", Some(options.u95_mm)),
@@ -205,185 +219,49 @@ fn check(options: &Options) -> Result<()> {
     Ok(())
 }
 
-/// The running mean of the centres since the last move.
-#[derive(Debug, Clone, Default)]
-struct Average {
-    n: usize,
-    mean: Vector2<f64>,
-    squares: Vector2<f64>,
-    /// The last centre, and the sum of the squared steps from each to the next.
-    last: Vector2<f64>,
-    steps: Vector2<f64>,
-    own: Vector2<f64>,
-}
-
-/// Frames that the scatter is told from, and that a result needs.
-pub const LEAST_FRAMES: usize = 3;
-
-/// How many standard deviations steps must be too small for the scatter before the centre is said to creep.
-const CREEPS: f64 = 3.0;
-
-impl Average {
-    /// Takes in a frame's centre; `true` where it has moved and the average began anew.
-    fn add(&mut self, ring: &Ring, least_mm: f64) -> bool {
-        let center = ring.circle.center;
-        let scatter = if self.n > 2 {
-            (self.squares / (self.n - 1) as f64).map(f64::sqrt)
-        } else {
-            Vector2::zeros()
-        };
-        let moved = self.n > 0
-            && ((center - self.mean).norm() > 6.0 * scatter.norm() + least_mm || self.creeps());
-        if moved {
-            *self = Self::default();
-        }
-        self.n += 1;
-        let n = self.n as f64;
-        let before = center - self.mean;
-        self.mean += before / n;
-        self.squares += before.component_mul(&(center - self.mean));
-        if self.n > 1 {
-            self.steps += (center - self.last).map(|d| d * d);
-        }
-        self.last = center;
-        let factor = k95(ring.dof);
-        let own = Vector2::new(ring.covariance[(0, 0)], ring.covariance[(1, 1)]);
-        self.own += (own * factor * factor - self.own) / n;
-        moved
-    }
-
-    /// How far the frames follow one another instead of scattering about the mean: 0 for independent ones, 1 for a slow drift.
-    fn follow(steps: f64, squares: f64) -> f64 {
-        if squares > 0.0 { 1.0 - 0.5 * steps / squares } else { 0.0 }
-    }
-
-    /// Whether the centre moves by less from frame to frame than it strays from the mean (von Neumann 1941; the standard
-    /// deviation is that of independent frames, Young 1941).
-    fn creeps(&self) -> bool {
-        let n = self.n as f64;
-        let sd = ((n - 2.0) / (n * n - 1.0)).sqrt();
-        self.n > 3 && Self::follow(self.steps.sum(), self.squares.sum()) > CREEPS * sd
-    }
-
-    /// Half-widths of the mean's 95 % intervals.
-    fn u95(&self) -> Vector2<f64> {
-        let n = self.n as f64;
-        if self.n < LEAST_FRAMES {
-            // Two frames may differ because the centre has moved: it is where the later one says.
-            return self.own.zip_map(&self.steps, |own, s| (own.max(0.0) + 0.25 * s).sqrt());
-        }
-        let factor = k95(n - 1.0);
-        Vector2::from_fn(|i, _| {
-            let (own, s) = (self.own[i], self.squares[i] / (n - 1.0));
-            // Frames that follow one another count as fewer.
-            let follow = Self::follow(self.steps[i], self.squares[i]).clamp(0.0, 0.99);
-            let fewer = (1.0 + follow) / (1.0 - follow);
-            // What of a frame's uncertainty does not show as scatter is the same in every frame; a tenth of it at least,
-            // since what shows as scatter is itself not known well.
-            ((own - K95 * K95 * s).max(0.1 * own) + factor * factor * s * fewer / n).sqrt()
-        })
-    }
-
-    fn report(
-        &self,
-        ring: &Ring,
-        view: &View,
-        calibration: &Calibration,
-        options: &Options,
-    ) -> Report {
-        // The plane's errors are the same in all frames.
-        let plane = PlaneErrors::of(view, ring).center_covariance(f64::INFINITY);
-        let own = nalgebra::Matrix2::from_diagonal(&self.u95().map(|u| (u / K95).powi(2)));
-        let covariance = own + plane;
-        let u95 = covariance.diagonal().map(|v| K95 * v.sqrt());
-        let (distance_mm, distance_u95_mm) = distance(self.mean, covariance, f64::INFINITY);
-        let good = self.n >= LEAST_FRAMES && u95.max() <= options.u95_mm;
-        let verdict = match (good, options.tolerance_mm) {
-            (false, _) => Verdict::Undecided,
-            (true, Some(limit)) => Verdict::of(distance_mm, distance_u95_mm, limit),
-            (true, None) => Verdict::Pass,
-        };
-        Report {
-            offset_mm: self.mean.into(),
-            offset_u95_mm: u95.into(),
-            distance_mm,
-            distance_u95_mm,
-            move_mm: self.mean.into(),
-            move_laser_mm: calibration
-                .laser
-                .as_ref()
-                .map(|l| (self.mean - Vector2::from(l.offset_mm)).into()),
-            move_laser_u95_mm: calibration.laser.as_ref().map(|l| {
-                let laser = l.offset_u95_mm.unwrap_or_default();
-                [0, 1].map(|k| u95[k].hypot(laser[k]))
-            }),
-            diameter_mm: 2.0 * ring.circle.radius,
-            arc_coverage: ring.arc_coverage,
-            frames_used: self.n,
-            frames_seen: 0,
-            frames_failed: 0,
-            received: 0,
-            dropped: 0,
-            reconnects: 0,
-            frames_per_s: 0.0,
-            verdict,
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::Matrix3;
-
-    /// A circle of which only the centre and its variance matter.
-    fn ring(x: f64, y: f64) -> Ring {
-        Ring {
-            circle: crate::fit::Circle { center: Vector2::new(x, y), radius: 1.0 },
-            covariance: Matrix3::identity() * 1e-8,
-            dof: f64::INFINITY,
-            fitted_sd_mm: 1e-4,
-            center_px: Vector2::zeros(),
-            form_rms_mm: 0.0,
-            form_from_texture_mm: 0.0,
-            edge_points: 100,
-            gain: 1.0,
-            other_mm: None,
-            arc_coverage: 1.0,
-            contrast: 50.0,
-            noise: 1.0,
-            softness_px: 2.0,
-            blur_mm: 0.0,
-            clipped_inside: false,
-            clipped_outside: false,
-            wander: Default::default(),
-            trace: Vec::new(),
-            residuals: Vec::new(),
-        }
-    }
-
-    /// Scatter that repeats, of about 1.
-    fn noise(i: usize) -> f64 {
-        let n = |k: f64| (k * (i as f64 + 0.7)).sin() * 43758.5453 % 1.0;
-        n(12.9898) + n(78.233) + n(37.719)
-    }
-
-    #[test]
-    fn a_creeping_centre_begins_the_average_anew_and_one_that_stays_does_not() {
-        let anew = |creep_mm: f64| {
-            let mut average = Average::default();
-            let mut count = 0;
-            for i in 0..60 {
-                let at = creep_mm * i as f64;
-                count += usize::from(
-                    average.add(&ring(at + 1e-4 * noise(i), 1e-4 * noise(i + 500)), 0.005),
-                );
-                let lag = (average.mean.x - at).abs();
-                assert!(lag < 2.0 * average.u95().x, "{i}: {lag} {}", average.u95().x);
-            }
-            count
-        };
-        assert_eq!(anew(0.0), 0);
-        assert!(anew(0.001) > 3);
+/// What the average so far says.
+fn report(
+    average: &Average,
+    ring: &Ring,
+    view: &View,
+    calibration: &Calibration,
+    options: &Options,
+) -> Report {
+    // The plane's errors are the same in all frames.
+    let plane = PlaneErrors::of(view, ring).center_covariance(f64::INFINITY);
+    let own = nalgebra::Matrix2::from_diagonal(&average.u95().map(|u| (u / K95).powi(2)));
+    let covariance = own + plane;
+    let u95 = covariance.diagonal().map(|v| K95 * v.sqrt());
+    let (distance_mm, distance_u95_mm) = distance(average.mean, covariance, f64::INFINITY);
+    let good = average.n >= LEAST_FRAMES && u95.max() <= options.u95_mm;
+    let verdict = match (good, options.tolerance_mm) {
+        (false, _) => Verdict::Undecided,
+        (true, Some(limit)) => Verdict::of(distance_mm, distance_u95_mm, limit),
+        (true, None) => Verdict::Pass,
+    };
+    Report {
+        offset_mm: average.mean.into(),
+        offset_u95_mm: u95.into(),
+        distance_mm,
+        distance_u95_mm,
+        move_mm: average.mean.into(),
+        move_laser_mm: calibration
+            .laser
+            .as_ref()
+            .map(|l| (average.mean - Vector2::from(l.offset_mm)).into()),
+        move_laser_u95_mm: calibration.laser.as_ref().map(|l| {
+            let laser = l.offset_u95_mm.unwrap_or_default();
+            [0, 1].map(|k| u95[k].hypot(laser[k]))
+        }),
+        diameter_mm: 2.0 * ring.circle.radius,
+        arc_coverage: ring.arc_coverage,
+        frames_used: average.n,
+        frames_seen: 0,
+        frames_failed: 0,
+        received: 0,
+        dropped: 0,
+        reconnects: 0,
+        frames_per_s: 0.0,
+        verdict,
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::machine::axis::AxisName;
 use crate::machine::data_kind::DataKind;
-use crate::machine::file::{AxisEntry, Head, Machine};
+use crate::machine::file::{AxisEntry, Effect, Head, Machine};
 
 /// Field, what is wrong with it, and what to do.
 type Check = std::result::Result<(), (String, String, &'static str)>;
@@ -17,10 +17,6 @@ impl Machine {
                 "use a matching version",
             ));
         }
-        let sense = |field: String, value: i32| match value {
-            1 | -1 => Ok(()),
-            other => Err((field, format!("is {other}"), "write 1 or -1")),
-        };
         sense("c_sense".into(), self.c_sense)?;
         if self.c_sense != 1 && !self.table_order().contains('C') {
             return Err((
@@ -29,17 +25,6 @@ impl Machine {
                 "leave it out, or give the axis' sense in [axes.C]",
             ));
         }
-        let finite = |field: &str, values: &[f64]| {
-            if values.iter().all(|v| v.is_finite() && v.abs() < 1e6) {
-                Ok(())
-            } else {
-                Err((
-                    field.to_owned(),
-                    format!("{values:?} is not a length in mm"),
-                    "give finite numbers in mm",
-                ))
-            }
-        };
         let Head { delta_x_mm, r_mm, standoff_mm } = self.head;
         finite("head", &[delta_x_mm, r_mm, standoff_mm])?;
         if r_mm < 0.0 {
@@ -54,54 +39,29 @@ impl Machine {
         if let Some(target) = &self.target {
             finite("target.position_mm", &target.position_mm)?;
         }
-        for (name, entry) in &self.axes {
-            let axis =
-                name.chars().next().filter(|_| name.len() == 1).and_then(AxisName::from_letter);
-            let Some(axis) = axis else {
-                return Err((
-                    format!("axes.{name}"),
-                    "is no axis".into(),
-                    "use one of X Y Z A B C",
-                ));
-            };
-            self.check_entry(axis, entry)?;
-            if let Some(point) = entry.point_mm {
-                finite(&format!("axes.{name}.point_mm"), &point)?;
-            }
-            if let Some(value) = entry.sense {
-                sense(format!("axes.{name}.sense"), value)?;
-            }
-        }
-        for effect in &self.effects {
-            if let Some((key, _)) = effect.parameters.iter().find(|(_, v)| !v.is_finite()) {
-                return Err((
-                    format!("effects '{}': {key}", effect.name),
-                    "is not finite".into(),
-                    "give a number",
-                ));
-            }
-            let unsure = |(_, u): &(&String, &f64)| !(u.is_finite() && **u >= 0.0);
-            if let Some((key, u)) = effect.parameters_u95.iter().find(unsure) {
-                return Err((
-                    format!("effects '{}': parameters_u95 {key}", effect.name),
-                    format!("is {u}"),
-                    "give the half-width of the 95 % interval, zero or more",
-                ));
-            }
-            if let Some(kind) = effect.kind.as_ref().filter(|k| !DataKind::has(k)) {
-                return Err((
-                    format!("effects '{}': kind", effect.name),
-                    format!("is '{kind}', no kind of data"),
-                    DataKind::FIX,
-                ));
-            }
-        }
-        Ok(())
+        self.axes.iter().try_for_each(|(name, entry)| self.check_axis(name, entry))?;
+        self.effects.iter().try_for_each(check_effect)
     }
 
     /// The part of the order that carries the work.
     fn table_order(&self) -> &str {
         self.kinematics.order.split('b').next().unwrap_or("")
+    }
+
+    /// One axis' entry, and whether its name is one.
+    fn check_axis(&self, name: &str, entry: &AxisEntry) -> Check {
+        let axis = name.chars().next().filter(|_| name.len() == 1).and_then(AxisName::from_letter);
+        let Some(axis) = axis else {
+            return Err((format!("axes.{name}"), "is no axis".into(), "use one of X Y Z A B C"));
+        };
+        self.check_entry(axis, entry)?;
+        if let Some(point) = entry.point_mm {
+            finite(&format!("axes.{name}.point_mm"), &point)?;
+        }
+        if let Some(value) = entry.sense {
+            sense(format!("axes.{name}.sense"), value)?;
+        }
+        Ok(())
     }
 
     fn check_entry(&self, axis: AxisName, entry: &AxisEntry) -> Check {
@@ -134,4 +94,45 @@ impl Machine {
         }
         Ok(())
     }
+}
+
+fn sense(field: String, value: i32) -> Check {
+    match value {
+        1 | -1 => Ok(()),
+        other => Err((field, format!("is {other}"), "write 1 or -1")),
+    }
+}
+
+fn finite(field: &str, values: &[f64]) -> Check {
+    if values.iter().all(|v| v.is_finite() && v.abs() < 1e6) {
+        return Ok(());
+    }
+    let reason = format!("{values:?} is not a length in mm");
+    Err((field.to_owned(), reason, "give finite numbers in mm"))
+}
+
+fn check_effect(effect: &Effect) -> Check {
+    if let Some((key, _)) = effect.parameters.iter().find(|(_, v)| !v.is_finite()) {
+        return Err((
+            format!("effects '{}': {key}", effect.name),
+            "is not finite".into(),
+            "give a number",
+        ));
+    }
+    let unsure = |(_, u): &(&String, &f64)| !(u.is_finite() && **u >= 0.0);
+    if let Some((key, u)) = effect.parameters_u95.iter().find(unsure) {
+        return Err((
+            format!("effects '{}': parameters_u95 {key}", effect.name),
+            format!("is {u}"),
+            "give the half-width of the 95 % interval, zero or more",
+        ));
+    }
+    if let Some(kind) = effect.kind.as_ref().filter(|k| !DataKind::has(k)) {
+        return Err((
+            format!("effects '{}': kind", effect.name),
+            format!("is '{kind}', no kind of data"),
+            DataKind::FIX,
+        ));
+    }
+    Ok(())
 }

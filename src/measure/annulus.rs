@@ -11,7 +11,7 @@ use crate::measure::limits::{Limits, glow};
 use crate::measure::points::SHARP_PX;
 use crate::measure::polygon::is_polygon;
 use crate::measure::ring::{self, Ring};
-use crate::measure::spot;
+use crate::measure::{spot, spots};
 
 /// A halo's step as a part of that of the ring that it surrounds, at most.
 pub(super) const HALO: f64 = 0.5;
@@ -159,7 +159,7 @@ pub(super) fn second_burn<'a>(
             let spot = |c: &Candidate| c.coverage > 0.75 && c.score > 0.15 * r.score && !is_dot(c);
             r.score > 0.2 * first.score
                 && r.coverage > 0.7
-                && spot::candidates(look, r, &[**r], &spot::PLACES[0]).first().is_some_and(spot)
+                && spots::candidates(look, r, &[**r], &spots::PLACES[0]).first().is_some_and(spot)
         };
         other && (rivals || has_spot())
     })
@@ -204,7 +204,7 @@ pub(super) fn measure(
     let measure_inner = |c: Candidate| {
         let (rough, mut search) = around(view, &c, &others);
         // Inside an annulus the spot's edge may be the stronger one.
-        let clear_px = spot::clear_px(&c.circle, &spot.circle, spot.softness_px);
+        let clear_px = spots::clear_px(&c.circle, &spot.circle, spot.softness_px);
         search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
         ring::measure(frame, view, rough, search.tinted(), None)
     };

@@ -7,17 +7,16 @@ use crate::error::{Error, Result};
 use crate::find::{self, Candidate, Look, Sides};
 use crate::fit::Circle;
 use crate::frame::Frame;
-use crate::measure::annulus::{self, Flaw, HALO, Rings};
+use crate::measure::annulus::{self, Flaw, Rings};
 use crate::measure::bands::is_concentric;
 use crate::measure::dirt;
 use crate::measure::limits::is_steady;
 use crate::measure::ring::Ring;
-use crate::measure::spot;
+use crate::measure::tried::Tried;
+use crate::measure::{spot, spots};
 
 /// Rings that are tried, and spots inside each.
 const TRIES: usize = 4;
-/// A ring's step as a part of another's that has no spot.
-const FAINT: f64 = 0.05;
 /// So much that speaks against two circles' being a burn's together makes them something else.
 const TOO_WEAK: usize = 3;
 /// Score of a circle as a part of a clearer one's beside which it is no mark.
@@ -166,9 +165,9 @@ impl<'a> Scene<'a> {
                     ));
                 }
                 Attempt::Surface => {}
-                Attempt::NoSpot => tried.add_lone(outer),
+                Attempt::NoSpot => tried.lone.push(outer),
                 Attempt::UnclearSpot { dots } => {
-                    tried.add_lone(outer);
+                    tried.lone.push(outer);
                     tried.unclear.push(outer);
                     if !dots {
                         break; // The ring is there; a worse one with a better spot would be a wrong answer.
@@ -193,14 +192,14 @@ impl<'a> Scene<'a> {
         }
         let edges: Vec<Candidate> =
             self.steady.iter().filter(|c| is_concentric(c, outer)).copied().collect();
-        let spots_at = |place: &'static spot::Place| {
+        let spots_at = |place: &'static spots::Place| {
             let near = place.look_near(self.frame, outer);
             let look = near.as_ref().unwrap_or(self.look);
-            let mut spots = spot::candidates(look, outer, &edges, place);
+            let mut spots = spots::candidates(look, outer, &edges, place);
             spots.retain(|s| annulus::beats_bands(s, outer, &self.steady) && !is_groove(look, s));
             (!spots.is_empty()).then_some((place, near, spots))
         };
-        let mut looks = spot::PLACES.iter().filter_map(spots_at).peekable();
+        let mut looks = spots::PLACES.iter().filter_map(spots_at).peekable();
         if looks.peek().is_none() {
             return Attempt::NoSpot;
         }
@@ -213,7 +212,7 @@ impl<'a> Scene<'a> {
         let mut dots = true;
         for (place, near, spots) in looks {
             dots &= spots.iter().all(|s| dirt::is_dot(&s.circle, &outer.circle));
-            if spot::has_rivals(place, &spots) {
+            if spots::has_rivals(place, &spots) {
                 return Attempt::UnclearSpot { dots };
             }
             let look = near.as_ref().unwrap_or(self.look);
@@ -256,101 +255,6 @@ impl<'a> Scene<'a> {
             .filter(|e| e.step.abs() > least_step && !alike(e, c));
         let others: Vec<Circle> = others.map(|e| e.circle).collect();
         find::stands_out(look, c, sides, &others) == Some(true)
-    }
-}
-
-/// What was tried in vain.
-#[derive(Default)]
-struct Tried<'a> {
-    /// Rings without a spot, or with an unclear one.
-    lone: Vec<&'a Candidate>,
-    /// Those with an unclear one.
-    unclear: Vec<&'a Candidate>,
-    /// A line with a spot, which is the ring only where there is no burn.
-    line: Option<(&'a Candidate, Marks)>,
-    /// Circles that are no rings.
-    refused: Vec<&'a Candidate>,
-    /// Lamps' reflections among them: what is seen in them is the lamp's.
-    lamps: Vec<&'a Candidate>,
-    /// Whether there are ripples or bands of tint.
-    rippled: bool,
-    /// Whether a ring does not tell where it is.
-    unsure: bool,
-}
-
-impl<'a> Tried<'a> {
-    fn add_lone(&mut self, ring: &'a Candidate) {
-        self.lone.push(ring);
-    }
-
-    fn refuse(&mut self, c: &'a Candidate, flaw: Flaw) {
-        match flaw {
-            Flaw::Unsure => self.unsure = true,
-            Flaw::Lamp => self.lamps.push(c),
-            Flaw::Ripples => self.rippled = true,
-            Flaw::Other => {}
-        }
-        self.refused.push(c);
-    }
-
-    /// The line with a spot, where no burn lies about it.
-    fn line_alone(&mut self) -> Option<Marks> {
-        self.line.take().filter(|(line, _)| !self.has_burn_about(line)).map(|(_, marks)| marks)
-    }
-
-    /// Whether a ring without a usable spot lies within a line, or about it: then the line is not the burn's.
-    fn has_burn_about(&self, line: &Candidate) -> bool {
-        /// How far apart the two centres are, and how much smaller one is, in the larger one's radii.
-        const APART: f64 = 0.5;
-        self.lone.iter().any(|ring| {
-            let (a, b) = (&ring.circle, &line.circle);
-            let (small, large) = (a.radius.min(b.radius), a.radius.max(b.radius));
-            (a.center - b.center).norm() < APART * large && small > APART * large
-        })
-    }
-
-    /// Whether what was tried before says that a circle is no ring.
-    fn rules_out(&self, c: &Candidate) -> bool {
-        // Beside a clear circle the faintest ones are no rings, and what is much fainter about one that is none is its halo.
-        let before = self.refused.iter().chain(&self.lone);
-        let clearest = before.map(|r| r.step.abs()).fold(0.0, f64::max);
-        if c.step.abs() < FAINT * clearest {
-            return true;
-        }
-        let is_halo = |r: &&Candidate| is_concentric(r, c) && c.step.abs() < HALO * r.step.abs();
-        self.refused.iter().any(is_halo)
-            || self.lamps.iter().any(|l| l.circle.distance(c.circle.center) < 0.0)
-    }
-
-    /// What to tell the user.
-    fn error(&self, subject: &str) -> Error {
-        let (what, help) = if !self.lone.is_empty() {
-            (
-                "a ring was found, but no spot inside it that is clear enough to measure",
-                "burn the spot (100 W from 1-5 mm) and photograph again, lit so that no glare covers it",
-            )
-        } else if !self.lamps.is_empty() {
-            (
-                "the circle about the likeliest spot is soft and as bright as the camera can tell: a lamp's reflection, or a burn that is overexposed",
-                "shade the lamp or move it, and expose less",
-            )
-        } else if self.unsure {
-            (
-                "a ring was found, but its edge is so ragged, or so lost in its surface, that it does not tell where the ring's centre is",
-                "burn on a smoother plate, or light and expose so that the burn stands out more",
-            )
-        } else if self.rippled {
-            (
-                "the circles about one centre are ripples or bands of tint, about as strong as each other: which is the ring's edge cannot be told",
-                "wipe the tint off the plate, or light and expose so that the burn is darker than its bands",
-            )
-        } else {
-            (
-                "no ring was found",
-                "check that the whole ring is in the picture, in focus and darker or brighter than the plate",
-            )
-        };
-        Error::measure(subject, what, help)
     }
 }
 

@@ -20,6 +20,8 @@ pub mod rod;
 pub(crate) mod round;
 mod rows;
 mod spot;
+mod spots;
+mod tried;
 mod two_edges;
 
 use serde::Serialize;

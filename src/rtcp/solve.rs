@@ -110,32 +110,25 @@ const SOURCES: [(&str, &[usize]); 10] = [
     ("B positions at the touches", &[9, 10, 13, 14]),
 ];
 
+/// What errors are about.
+const SUBJECT: &str = "touch readings";
+
 const INPUTS: usize = 17;
 /// The inputs that are errors of B.
 const ANGLES: std::ops::RangeInclusive<usize> = 8..=11;
 const OUTPUTS: usize = 7;
 type Inputs = SVector<f64, INPUTS>;
 
+/// What a standard uncertainty of each input does to the outputs: its slope, and of angles the bend beside it.
+struct Sensitivity {
+    jacobian: SMatrix<f64, OUTPUTS, INPUTS>,
+    curved: SMatrix<f64, OUTPUTS, INPUTS>,
+}
+
 /// Solves the readings.
 pub fn solve(readings: &Readings) -> Result<Solved> {
     let r = readings;
-    let subject = "touch readings";
-    for (name, b) in [("b1", r.b1_rad), ("b2", r.b2_rad)] {
-        if b.sin().abs() < 0.5 {
-            return Err(Error::measure(
-                subject,
-                format!("{name} = {:.3}° is too near 0° or 180° to find R", b.to_degrees()),
-                "touch the rod's sides at B = 90° and B = -90°",
-            ));
-        }
-    }
-    if r.b1_rad.sin() * r.b2_rad.sin() > 0.0 {
-        return Err(Error::measure(
-            subject,
-            "b1 and b2 turn the nozzle to the same side",
-            "touch one side of the rod at B = 90° and the other at B = -90°",
-        ));
-    }
+    check_sides(r)?;
     let check = r.check_touch.unwrap_or((0.0, Measured::exact(0.0)));
     let (values, sds) = inputs(r, check.1);
     let evaluate = |sense: f64, values: &Inputs| outputs(r, sense, check.0, values);
@@ -143,7 +136,7 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
         [1.0, -1.0].map(|s| (s, evaluate(s, &values))).into_iter().find(|(_, o)| o[5] > 0.0)
     else {
         return Err(Error::measure(
-            subject,
+            SUBJECT,
             format!(
                 "|X1 - X2| = {:.3} mm is less than the rod's diameter {:.3} mm, so R would be negative",
                 (r.x1_mm.value - r.x2_mm.value).abs(),
@@ -152,20 +145,8 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
             "check x1_mm, x2_mm and diameter_mm (all in mm, machine coordinates)",
         ));
     };
-    let mut jacobian = SMatrix::<f64, OUTPUTS, INPUTS>::zeros();
-    let mut curved = jacobian;
-    for i in 0..INPUTS {
-        let step = 1e-5;
-        let (mut up, mut down) = (values, values);
-        up[i] += step;
-        down[i] -= step;
-        let (up, down) = (evaluate(sense, &up), evaluate(sense, &down));
-        jacobian.set_column(i, &((up - down) * (sds[i] / (2.0 * step))));
-        if ANGLES.contains(&i) {
-            let bend = (up + down - 2.0 * best) * (sds[i] / step).powi(2);
-            curved.set_column(i, &(bend * 0.75f64.sqrt()));
-        }
-    }
+    let Sensitivity { jacobian, curved } =
+        sensitivity(&|v: &Inputs| evaluate(sense, v), &values, &sds);
     let covariance = jacobian * jacobian.transpose() + curved * curved.transpose();
     let measured = |i: usize| Measured { value: best[i], u: covariance[(i, i)].sqrt() };
     let check = r.check_touch.map(|(b_rad, x)| {
@@ -202,6 +183,50 @@ pub fn solve(readings: &Readings) -> Result<Solved> {
             })
             .collect(),
     })
+}
+
+/// Whether the two touches are on two sides of the rod, with the nozzle turned far enough.
+fn check_sides(r: &Readings) -> Result<()> {
+    for (name, b) in [("b1", r.b1_rad), ("b2", r.b2_rad)] {
+        if b.sin().abs() < 0.5 {
+            return Err(Error::measure(
+                SUBJECT,
+                format!("{name} = {:.3}° is too near 0° or 180° to find R", b.to_degrees()),
+                "touch the rod's sides at B = 90° and B = -90°",
+            ));
+        }
+    }
+    if r.b1_rad.sin() * r.b2_rad.sin() > 0.0 {
+        return Err(Error::measure(
+            SUBJECT,
+            "b1 and b2 turn the nozzle to the same side",
+            "touch one side of the rod at B = 90° and the other at B = -90°",
+        ));
+    }
+    Ok(())
+}
+
+fn sensitivity(
+    evaluate: &dyn Fn(&Inputs) -> SVector<f64, OUTPUTS>,
+    values: &Inputs,
+    sds: &Inputs,
+) -> Sensitivity {
+    let best = evaluate(values);
+    let mut jacobian = SMatrix::<f64, OUTPUTS, INPUTS>::zeros();
+    let mut curved = jacobian;
+    for i in 0..INPUTS {
+        let step = 1e-5;
+        let (mut up, mut down) = (*values, *values);
+        up[i] += step;
+        down[i] -= step;
+        let (up, down) = (evaluate(&up), evaluate(&down));
+        jacobian.set_column(i, &((up - down) * (sds[i] / (2.0 * step))));
+        if ANGLES.contains(&i) {
+            let bend = (up + down - 2.0 * best) * (sds[i] / step).powi(2);
+            curved.set_column(i, &(bend * 0.75f64.sqrt()));
+        }
+    }
+    Sensitivity { jacobian, curved }
 }
 
 /// The input quantities and their standard uncertainties.

@@ -1,25 +1,15 @@
-//! `ballbar`, `thermal` and `burn` data: one or two values a row over plain columns.
+//! The columns of `ballbar`, `thermal` and `burn` data by name.
 
 use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
-use crate::diagnose::data::{
-    ballbar, extend_time, extend_times_soon, known_effects, need, need_head_b_table_c, sites,
-    thermal,
-};
-use crate::diagnose::effects::{self, Library};
-use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Setting,
-    Untestable, Variable,
-};
+use crate::diagnose::data::{need, thermal};
+use crate::diagnose::experiment::Untestable;
 use crate::error::Result;
 use crate::fit::robust::range;
-use crate::machine::{DataKind, Machine};
 use crate::table::Table;
-use crate::thermal::head::sensor_columns;
-use crate::units;
 
 /// The columns of a file by name, with the head vector where the kind needs it.
 #[derive(Debug, Clone, Default)]
@@ -45,6 +35,25 @@ pub struct Columns {
 }
 
 impl Columns {
+    /// From a table: the columns of these names that it has, and the rows' paths or axes from the column `series`.
+    pub(super) fn read(table: &Table, names: &[&'static str], series: &str) -> Result<Self> {
+        let mut data = Self::default();
+        for name in names {
+            if let Some(column) = table.optional_column(name)? {
+                data.numbers.insert(name, column);
+            }
+        }
+        for row in 0..table.rows() {
+            let name = table.text(row, series);
+            let known = data.series_names.iter().position(|n| n == name);
+            data.series.push(known.unwrap_or_else(|| {
+                data.series_names.push(name.to_owned());
+                data.series_names.len() - 1
+            }));
+        }
+        Ok(data)
+    }
+
     /// A column, empty where it is missing.
     pub fn get(&self, name: &str) -> &[f64] {
         self.numbers.get(name).map_or(&[], Vec::as_slice)
@@ -71,366 +80,5 @@ impl Columns {
     pub fn times_s(&self) -> (f64, f64) {
         let t = self.get("t_s");
         if t.is_empty() { (0.0, 0.0) } else { range(t) }
-    }
-}
-
-/// What sets one kind of data over plain columns apart.
-struct Sort {
-    kind: DataKind,
-    outputs: &'static [&'static str],
-    /// Column of the axis or path that a row is of; none of burns.
-    series: &'static str,
-    /// Columns that a planned capture may set, what changes slowest first.
-    planned: &'static [&'static str],
-    /// Those of them that it may set otherwise than they ever were.
-    widened: &'static [&'static str],
-    library: fn(&Columns) -> Library<Columns, Vector3<f64>>,
-    /// Prediction of one row's outputs: data, nuisances, row, the effects' errors.
-    predict: fn(&Columns, &[f64], usize, Vector3<f64>) -> [f64; 2],
-}
-
-const BURN: Sort = Sort {
-    kind: DataKind::Burn,
-    outputs: &["dx_mm", "dy_mm"],
-    series: "",
-    planned: &["height_mm", "power_w", "b_deg"],
-    widened: &["height_mm", "power_w"],
-    library: effects::burn::library,
-    predict: |_, _, _, e| [e.x, e.y],
-};
-const THERMAL: Sort = Sort {
-    kind: DataKind::Thermal,
-    outputs: &["error_mm"],
-    series: "axis",
-    // A screw warms up once, and all positions are measured meanwhile.
-    planned: &["screw_c", "position_mm"],
-    widened: &[],
-    library: effects::thermal::library,
-    predict: thermal::predict,
-};
-const BALLBAR: Sort = Sort {
-    kind: DataKind::Ballbar,
-    outputs: &["length_mm"],
-    series: "path",
-    planned: &["dir", "b_deg"],
-    widened: &[],
-    library: effects::ballbar::library,
-    predict: ballbar::predict,
-};
-
-/// Places of each column in planned captures.
-const PLANNED_STEPS: usize = 7;
-
-/// An experiment over plain columns.
-pub struct ColumnsExperiment {
-    sort: &'static Sort,
-    data: Columns,
-    library: Library<Columns, Vector3<f64>>,
-    known: Vec<Active>,
-    layout: Layout,
-    nuisances: Vec<Parameter>,
-}
-
-/// Columns of burn test offsets: needed and possible.
-pub const BURN_COLUMNS: (&[&str], &[&str]) =
-    (&["height_mm", "power_w", "b_deg"], &["dx_mm", "dy_mm", "t_s", "temp_c"]);
-/// Columns of thermal errors.
-pub const THERMAL_COLUMNS: (&[&str], &[&str]) =
-    (&["t_s", "axis", "position_mm", "screw_c"], &["error_mm", "head_*_c", "ambient_c"]);
-/// Columns of ball bar lengths.
-pub const BALLBAR_COLUMNS: (&[&str], &[&str]) =
-    (&["b_deg"], &["length_mm", "x_mm", "z_mm", "path", "dir", "t_s", "temp_c"]);
-
-impl ColumnsExperiment {
-    /// From a table of burn test offsets.
-    pub fn burn_table(
-        table: &Table,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let data = read(table, &["height_mm", "power_w", "b_deg", "t_s", "temp_c"], "")?;
-        warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
-        warnings.extend(units::celsius("temp_c", data.get("temp_c")));
-        if let Some(row) = data.get("height_mm").iter().position(|h| *h < 0.0) {
-            let fix =
-                "give the height of the nozzle above the plate, at which the ring was burnt, in mm";
-            return Err(table.error(row, "height_mm", "is below zero", fix));
-        }
-        let highest = data.get("height_mm").iter().copied().fold(0.0, f64::max);
-        warnings.extend(units::height("column 'height_mm'", highest));
-        Self::new(&BURN, table, data, Vec::new(), machine, warnings)
-    }
-
-    /// From a table of thermal errors.
-    pub fn thermal_table(
-        table: &Table,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let mut data = read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
-        warnings.extend(units::celsius("screw_c", data.get("screw_c")));
-        for name in sensor_columns(table)? {
-            let column = table.column(&name)?;
-            warnings.extend(units::celsius(&name, &column));
-            let t = data.get("t_s");
-            let first = (0..t.len()).min_by(|a, b| t[*a].total_cmp(&t[*b])).unwrap_or(0);
-            // Rises above the cold state; columns that begin well above zero hold temperatures. What never changes is no constant of the errors.
-            let still = table.has("error_mm") && column.iter().all(|v| *v == column[first]);
-            if still {
-                warnings.push(format!("{name} never changes: it tells nothing of the head"));
-            }
-            let cold = if still || column[first].abs() > 5.0 { column[first] } else { 0.0 };
-            data.head_c.push(column.iter().map(|v| v - cold).collect());
-        }
-        let measured = table.optional_column("error_mm")?.unwrap_or_default();
-        let nuisances = thermal::prepare(&mut data, &measured, warnings);
-        Self::new(&THERMAL, table, data, nuisances, machine, warnings)
-    }
-
-    /// From a table of ball bar lengths.
-    pub fn ballbar_table(
-        table: &Table,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        need_head_b_table_c(DataKind::Ballbar, machine, false)?;
-        let mut data = read(table, &["b_deg", "x_mm", "z_mm", "dir", "t_s", "temp_c"], "path")?;
-        warnings.extend(units::swept_angles("b_deg", data.get("b_deg")));
-        warnings.extend(units::celsius("temp_c", data.get("temp_c")));
-        table.check_directions("dir", data.get("dir"), warnings)?;
-        data.head = machine.head_vector();
-        let measured = table.optional_column("length_mm")?.unwrap_or_default();
-        let nuisances = ballbar::prepare(&mut data, &measured, warnings);
-        Self::new(&BALLBAR, table, data, nuisances, machine, warnings)
-    }
-
-    fn new(
-        sort: &'static Sort,
-        table: &Table,
-        data: Columns,
-        nuisances: Vec<Parameter>,
-        machine: &Machine,
-        warnings: &mut Vec<String>,
-    ) -> Result<Self> {
-        let rows = table.rows();
-        let mut measured = Vec::new();
-        for name in sort.outputs {
-            let column = table.optional_column(name)?.unwrap_or_else(|| vec![0.0; rows]);
-            if sort.kind != DataKind::Ballbar {
-                warnings.extend(units::errors(name, &column));
-            }
-            measured.push(column);
-        }
-        let library = (sort.library)(&data);
-        let known = known_effects(&library, machine, warnings)?;
-        let layout = layout(&data, sort, &measured);
-        Ok(Self { sort, data, library, known, layout, nuisances })
-    }
-}
-
-fn read(table: &Table, names: &[&'static str], series: &str) -> Result<Columns> {
-    let mut data = Columns::default();
-    for name in names {
-        if let Some(column) = table.optional_column(name)? {
-            data.numbers.insert(name, column);
-        }
-    }
-    for row in 0..table.rows() {
-        let name = table.text(row, series);
-        let known = data.series_names.iter().position(|n| n == name);
-        data.series.push(known.unwrap_or_else(|| {
-            data.series_names.push(name.to_owned());
-            data.series_names.len() - 1
-        }));
-    }
-    Ok(data)
-}
-
-fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
-    let outputs = sort.outputs;
-    let (rows, k) = (measured[0].len(), outputs.len());
-    let spread = |c: &[f64]| (0..rows * k).map(|i| c[i / k]).collect::<Vec<f64>>();
-    let mut variables: Vec<Variable> = data
-        .numbers
-        .iter()
-        .map(|(name, c)| Variable {
-            name,
-            values: spread(c),
-            angle: *name == "b_deg",
-            within: false,
-        })
-        .collect();
-    if let Some(first) = data.head_c.first() {
-        variables.push(Variable {
-            name: "head_1_c",
-            values: spread(first),
-            angle: false,
-            within: false,
-        });
-    }
-    let mut directions = Direction::side_by_side(outputs, rows);
-    if sort.kind == DataKind::Thermal {
-        // Every axis is a machine of its own: what has no name may be one's alone.
-        let on = |axis: usize| -> Vec<f64> {
-            data.series.iter().map(|s| f64::from(u8::from(*s == axis))).collect()
-        };
-        let axes = data.series_names.iter().enumerate();
-        directions.extend(axes.map(|(axis, name)| Direction::part(outputs[0], name, on(axis))));
-    }
-    let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
-    let mut keys: Vec<&[f64]> = vec![&series];
-    // Time and temperature pass by, and a place is one from whichever side it is reached; everything else makes the place.
-    keys.extend(
-        data.numbers
-            .iter()
-            .filter(|(n, _)| !["t_s", "temp_c", "screw_c", "ambient_c", "dir"].contains(n))
-            .map(|(_, c)| c.as_slice()),
-    );
-    let sites = if data.head_c.is_empty() { sites(&keys, rows) } else { (0..rows).collect() };
-    Layout {
-        values: (0..rows * k).map(|i| measured[i % k][i / k]).collect(),
-        groups: (0..rows * k).map(|i| i / k).collect(),
-        sites,
-        classes: (0..rows * k).map(|i| i % k).collect(),
-        directions,
-        variables,
-        traced: sort.kind == DataKind::Ballbar,
-        random: Vec::new(),
-        rim_deg: Vec::new(),
-    }
-}
-
-impl ColumnsExperiment {
-    /// Captures that could be taken of one axis or path, which is named where it is not alone.
-    fn proposals_of(&self, series: usize, alone: bool) -> Vec<PlannedCapture> {
-        let mut first = PlannedCapture::default();
-        if let Some(name) = self.data.series_names.get(series).filter(|_| !alone) {
-            first.0.insert(self.sort.series, Setting::Name(name.clone()));
-        }
-        let mut list = vec![first];
-        for &name in self.sort.planned {
-            let values = self.settings(name, series);
-            if values.is_empty() {
-                continue;
-            }
-            let with = |capture: &PlannedCapture| {
-                let mut set: Vec<PlannedCapture> =
-                    values.iter().map(|v| capture.clone().with(name, *v)).collect();
-                // A path goes back the other way round.
-                if capture.number("dir") == Some(-1.0) {
-                    set.reverse();
-                }
-                set
-            };
-            list = list.iter().flat_map(with).collect();
-        }
-        list
-    }
-
-    /// What a planned capture of an axis or path may set a column to: both directions, or places over its measured range.
-    fn settings(&self, name: &str, series: usize) -> Vec<f64> {
-        let d = &self.data;
-        let column = d.get(name);
-        if column.is_empty() {
-            return Vec::new();
-        }
-        if name == "dir" {
-            return vec![1.0, -1.0];
-        }
-        let own: Vec<f64> = d.rows_of(series).into_iter().map(|row| column[row]).collect();
-        let (mut low, mut high) = range(if own.is_empty() { column } else { &own });
-        if name == "b_deg" {
-            // What B can do on one side it can do on the other.
-            high = high.max(-low);
-            low = -high;
-        }
-        if high == low && self.sort.widened.contains(&name) {
-            // What never changed hides what it does: half as much of it shows that.
-            low = 0.5 * high;
-        }
-        let count = if high > low { PLANNED_STEPS } else { 1 };
-        let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
-        (0..count).map(at).collect()
-    }
-}
-
-impl Experiment for ColumnsExperiment {
-    fn kind(&self) -> DataKind {
-        self.sort.kind
-    }
-
-    fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
-    fn nuisances(&self) -> &[Parameter] {
-        &self.nuisances
-    }
-
-    fn effects(&self) -> &[EffectInfo] {
-        &self.library.infos
-    }
-
-    fn predict(&self, nuisances: &[f64], active: &[Active]) -> Vec<f64> {
-        let all = [self.known.as_slice(), active].concat();
-        let rows = self.data.series.len();
-        let errors = self.library.errors(&self.data, rows, &all);
-        let k = self.sort.outputs.len();
-        errors
-            .iter()
-            .enumerate()
-            .flat_map(|(row, e)| {
-                (self.sort.predict)(&self.data, nuisances, row, *e).into_iter().take(k)
-            })
-            .collect()
-    }
-
-    fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)> {
-        let k = self.sort.outputs.len();
-        let column = |o: usize| predicted.iter().skip(o).step_by(k).copied().collect();
-        self.sort.outputs.iter().enumerate().map(|(o, name)| (*name, column(o))).collect()
-    }
-
-    fn proposals(&self) -> Vec<PlannedCapture> {
-        // Each axis or path within what it was measured over itself.
-        let names = &self.data.series_names;
-        let alone = names.len() < 2;
-        (0..names.len().max(1)).flat_map(|series| self.proposals_of(series, alone)).collect()
-    }
-
-    fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
-        let mut data = self.data.clone();
-        for capture in plan {
-            let planned = capture.name(self.sort.series);
-            let named = |name: &String| planned == Some(name.as_str());
-            let series = data.series_names.iter().position(named).unwrap_or(0);
-            for (name, column) in &mut data.numbers {
-                match *name {
-                    // Burns are taken one by one; a path and a warm-up last as long as the plan.
-                    "t_s" if self.sort.series.is_empty() => {}
-                    "t_s" => extend_time(column),
-                    // Z stays linked to B, as the ball bar's own path has it.
-                    "z_mm" => {
-                        let b_deg = capture.or_last("b_deg", &[0.0]);
-                        column.push(ballbar::next_z(&self.data, series, b_deg));
-                    }
-                    name => capture.extend(name, column),
-                }
-            }
-            data.series.push(series);
-            for sensor in &mut data.head_c {
-                sensor.push(sensor.last().copied().unwrap_or(0.0));
-            }
-        }
-        if self.sort.series.is_empty()
-            && let Some(t_s) = data.numbers.get_mut("t_s")
-        {
-            extend_times_soon(t_s, plan.len());
-        }
-        let zeros = vec![vec![0.0; data.series.len()]; self.sort.outputs.len()];
-        let layout = layout(&data, self.sort, &zeros);
-        let library = (self.sort.library)(&self.data);
-        let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
-        Box::new(Self { data, library, known, layout, nuisances, sort: self.sort })
     }
 }

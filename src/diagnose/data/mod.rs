@@ -3,6 +3,7 @@
 pub mod ballbar;
 pub mod columns;
 pub mod cups;
+pub mod plain;
 pub mod rod;
 pub mod rtcp;
 pub mod thermal;
