@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 
 use crate::diagnose::data::rtcp::Rtcp;
-use crate::diagnose::effects::rtcp_pose::{HeadError, PoseError};
+use crate::diagnose::effects::rtcp_pose::{HeadError, PoseError, Tilt};
 use crate::diagnose::effects::{Library, Words, rtcp_slow, words};
 use crate::diagnose::experiment::{Parameter, Untestable};
 
@@ -39,6 +39,24 @@ fn head(l: &mut L, parameter: Parameter, datum_first: bool, set: fn(&mut HeadErr
     };
     add(datum_first);
     add(!datum_first);
+}
+
+/// Adds a tilt of the C axis in two forms: it stays where it is at the table's surface, or at the target's height.
+fn tilt(l: &mut L, data: &Rtcp, of: fn(&mut PoseError) -> &mut Tilt) {
+    let mut add = |parameters: Vec<Parameter>, height_mm: f64| {
+        l.form(parameters, move |_, p, errors| {
+            for e in errors {
+                let tilt = of(e);
+                tilt.angle_rad += p[0].to_radians();
+                tilt.height_mm = height_mm;
+            }
+        });
+    };
+    add(vec![angle("tilt_deg")], 0.0);
+    let height_mm = data.geometry.target.z;
+    if height_mm != 0.0 {
+        add(vec![angle("tilt_deg"), Parameter::switch("at_target", 1.0)], height_mm);
+    }
 }
 
 /// Fourier parameters of the given harmonics.
@@ -223,9 +241,7 @@ fn table_effects(l: &mut L, data: &Rtcp) {
         ),
         turns.clone(),
     );
-    l.form(vec![angle("tilt_deg")], |_, p, errors| {
-        errors.iter_mut().for_each(|e| e.tilt_cx += p[0].to_radians());
-    });
+    tilt(l, data, |e| &mut e.tilt_cx);
     l.effect(
         words(
             "c-axis-tilt-y",
@@ -235,9 +251,7 @@ fn table_effects(l: &mut L, data: &Rtcp) {
         ),
         turns.clone(),
     );
-    l.form(vec![angle("tilt_deg")], |_, p, errors| {
-        errors.iter_mut().for_each(|e| e.tilt_cy += p[0].to_radians());
-    });
+    tilt(l, data, |e| &mut e.tilt_cy);
     l.effect(
         words(
             "c-centre",

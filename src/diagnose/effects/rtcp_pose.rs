@@ -1,6 +1,6 @@
 //! What an RTCP pose's errors make of the deviation, exactly.
 
-use nalgebra::{Rotation3, Vector3};
+use nalgebra::{Rotation3, Unit, Vector3};
 
 use crate::diagnose::data::rtcp::Rtcp;
 
@@ -22,8 +22,26 @@ pub struct PoseError {
     pub(super) shift: Vector3<f64>,
     pub(super) c_shift: Vector3<f64>,
     pub(super) c_angle: f64,
-    pub(super) tilt_cx: f64,
-    pub(super) tilt_cy: f64,
+    pub(super) tilt_cx: Tilt,
+    pub(super) tilt_cy: Tilt,
+}
+
+/// The C axis turned about X or Y.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Tilt {
+    pub(super) angle_rad: f64,
+    /// Height above the table's origin at which the axis stays where it was.
+    pub(super) height_mm: f64,
+}
+
+impl Tilt {
+    fn turned(self, about: &Unit<Vector3<f64>>, point: Vector3<f64>) -> Vector3<f64> {
+        if self.angle_rad == 0.0 {
+            return point;
+        }
+        let foot = Vector3::new(0.0, 0.0, self.height_mm);
+        foot + Rotation3::from_axis_angle(about, self.angle_rad) * (point - foot)
+    }
 }
 
 impl HeadError {
@@ -52,11 +70,8 @@ impl PoseError {
         let turn = |c: f64| Rotation3::from_axis_angle(&Vector3::z_axis(), sense * c);
         let p = data.geometry.target;
         let mut target = turn(c + self.c_angle) * (p + target_shift);
-        if self.tilt_cx != 0.0 || self.tilt_cy != 0.0 {
-            let x = Rotation3::from_axis_angle(&Vector3::x_axis(), self.tilt_cx);
-            let y = Rotation3::from_axis_angle(&Vector3::y_axis(), self.tilt_cy);
-            target = x * y * target;
-        }
+        target = self.tilt_cy.turned(&Vector3::y_axis(), target);
+        target = self.tilt_cx.turned(&Vector3::x_axis(), target);
         let target = target + self.c_shift - turn(c) * p;
         self.shift + head - datum - target
     }
