@@ -126,9 +126,9 @@ fn effect(name: &str, captures: &[Capture], rng: &mut impl Rng) -> Effect {
         })
     };
     match name {
-        "pixel-scale" => seen(|w| [w[0] / (1.0 - 1e-4), w[1] / (1.0 - 1e-4)]),
-        "pixel-aspect" => seen(|w| [0.0, w[1]]),
-        "camera-rotation" => seen(|w| [-w[1], w[0]]),
+        "pixel-scale" => seen(|w| [-w[0] / (1.0 + 1e-4), -w[1] / (1.0 + 1e-4)]),
+        "pixel-aspect" => seen(|w| [0.0, -w[1]]),
+        "camera-rotation" => seen(|w| [w[1], -w[0]]),
         "camera-shear" => seen(|w| [w[1], 0.0]),
         "camera-tilt" => Box::new(move |_, _, w, a| {
             let k = a * (cp * w[0] + sp * w[1]);

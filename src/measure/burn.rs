@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result, above_zero};
 use crate::frame::{Channel, Picture};
+use crate::measure::dirt;
 use crate::measure::marks;
 use crate::measure::offset::Offset;
 use crate::measure::plane_errors::PlaneErrors;
@@ -130,7 +131,8 @@ pub fn measure(
     Ok(measured)
 }
 
-/// Whether a channel that shows the ring far clearer has it elsewhere: the other one has taken a heat tint for it.
+/// Whether a channel that shows the ring far clearer has it elsewhere: the other one has taken a heat tint for it. So it has where
+/// its spot may be dirt and the other's is none.
 fn refutes(clear: &Measured, other: &Measured) -> bool {
     /// Contrast of the ring as a part of the clearer one's.
     const FAINTER: f64 = 0.7;
@@ -140,6 +142,10 @@ fn refutes(clear: &Measured, other: &Measured) -> bool {
         let u95 = |c: &CircleReport| c.center_u95_mm[i];
         apart(a.center_mm[i], b.center_mm[i], u95(a), u95(b))
     });
+    let is_dot = |m: &Measured| marks::is_dot(&m.ring, &m.spot);
+    if is_dot(other) && !is_dot(clear) || dirt::is_within(&other.spot.circle, &clear.spot.circle) {
+        return true;
+    }
     other.ring.contrast.abs() < FAINTER * clear.ring.contrast.abs()
         && (elsewhere || apart(a.diameter_mm, b.diameter_mm, a.diameter_u95_mm, b.diameter_u95_mm))
 }

@@ -47,7 +47,8 @@ pub(super) fn measure(
     for near in centers {
         let nearer = Scene::new(frame, view, &look, Some(near));
         let (rings, mut again) = (nearer.rings(), Tried::default());
-        let Some(marks) = nearer.seek(&rings, &mut again, subject)?.filter(|m| !is_dot(m)) else {
+        let Some(marks) = nearer.seek(&rings, &mut again, subject)?.filter(|m| !is_dot(&m.0, &m.1))
+        else {
             continue;
         };
         match &found {
@@ -62,7 +63,7 @@ pub(super) fn measure(
 }
 
 /// Whether the spot may be a chip in a hole, or dirt.
-fn is_dot((ring, spot, _): &Marks) -> bool {
+pub(super) fn is_dot(ring: &Ring, spot: &Ring) -> bool {
     dirt::is_dot(&spot.circle, &ring.circle)
 }
 
@@ -92,6 +93,8 @@ enum Attempt {
     NoSpot,
     /// A ring with a spot that cannot be measured, or with nothing but dots.
     UnclearSpot { dots: bool },
+    /// Two circles of which too much speaks against their being ring and spot; the smaller one, px.
+    TooWeak { spot: Circle },
     /// Something else, or a ring that does not tell where it is.
     Flawed(Flaw),
 }
@@ -144,7 +147,7 @@ impl<'a> Scene<'a> {
                 Attempt::Both(marks) if is_line => {
                     tried.line.get_or_insert((outer, *marks));
                 }
-                Attempt::Both(marks) if !is_dot(&marks) => return Ok(Some(*marks)),
+                Attempt::Both(marks) if !is_dot(&marks.0, &marks.1) => return Ok(Some(*marks)),
                 Attempt::Both(marks) => match &dotted {
                     Some((other, _)) => {
                         return Err(two_burns(
@@ -172,6 +175,10 @@ impl<'a> Scene<'a> {
                     if !dots {
                         break; // The ring is there; a worse one with a better spot would be a wrong answer.
                     }
+                }
+                Attempt::TooWeak { spot } => {
+                    tried.refuse(outer, Flaw::Other);
+                    tried.spots.push(spot);
                 }
                 Attempt::Flawed(flaw) => tried.refuse(outer, flaw),
             }
@@ -226,8 +233,20 @@ impl<'a> Scene<'a> {
             let clear =
                 spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
-                if weaknesses(&ring, &spot) >= TOO_WEAK || self.is_light(&ring) {
+                if self.is_light(&ring) {
                     return Attempt::Flawed(Flaw::Other);
+                }
+                if weaknesses(&ring, &spot) >= TOO_WEAK {
+                    return Attempt::TooWeak { spot: self.seen(&spot) };
+                }
+                if is_dot(&ring, &spot)
+                    && let Some(dot) = spots.iter().min_by(|a, b| {
+                        let off = |c: &Candidate| (c.circle.center - spot.center_px).norm();
+                        off(a).total_cmp(&off(b))
+                    })
+                    && dirt::is_strewn(self.frame, dot, &outer.circle)
+                {
+                    return Attempt::UnclearSpot { dots: true };
                 }
                 let warnings = warnings(&ring, &spot);
                 return Attempt::Both(Box::new((ring, spot, warnings)));
@@ -235,6 +254,12 @@ impl<'a> Scene<'a> {
             attempt = Attempt::UnclearSpot { dots };
         }
         attempt
+    }
+
+    /// A measured circle as it is seen in the picture, px.
+    fn seen(&self, circle: &Ring) -> Circle {
+        let radius = circle.circle.radius / self.view.pixel_mm_at(circle.center_px);
+        Circle { center: circle.center_px, radius }
     }
 
     /// Whether what was taken for the ring is where the light of a lone spot's surroundings falls off.

@@ -2,12 +2,15 @@
 
 use crate::error::Error;
 use crate::find::Candidate;
+use crate::fit::Circle;
 use crate::measure::annulus::{Flaw, HALO};
 use crate::measure::bands::is_concentric;
 use crate::measure::marks::Marks;
 
 /// A ring's step as a part of another's that has no spot.
 const FAINT: f64 = 0.05;
+/// How far two circles' centres and radii may be apart that are one, in radii.
+const SAME: f64 = 0.3;
 
 /// What was tried in vain.
 #[derive(Default)]
@@ -16,6 +19,8 @@ pub(super) struct Tried<'a> {
     pub(super) lone: Vec<&'a Candidate>,
     /// Those with an unclear one.
     pub(super) unclear: Vec<&'a Candidate>,
+    /// Spots of what may be rings, but about which too much speaks against it: no rings themselves.
+    pub(super) spots: Vec<Circle>,
     /// A line with a spot, which is the ring only where there is no burn.
     pub(super) line: Option<(&'a Candidate, Marks)>,
     /// Circles that are no rings.
@@ -66,6 +71,7 @@ impl<'a> Tried<'a> {
         }
         let is_halo = |r: &&Candidate| is_concentric(r, c) && c.step.abs() < HALO * r.step.abs();
         self.refused.iter().any(is_halo)
+            || self.spots.iter().any(|spot| spot.apart(&c.circle) < SAME * spot.radius)
             || self.lamps.iter().any(|l| l.circle.distance(c.circle.center) < 0.0)
     }
 

@@ -28,6 +28,7 @@ pub(super) fn effects(l: &mut L, data: &Rod) {
 }
 
 fn pixels(l: &mut L) {
+    // What is said is of the camera: larger pixels show a place nearer to the axis, a camera turned one way shows it turned the other way.
     l.effect(
         words(
             "pixel-scale",
@@ -38,28 +39,28 @@ fn pixels(l: &mut L) {
         None,
     );
     camera(l, &["um_per_m"], 300.0, |c, p| {
-        c.linear[0][0] += p[0] * 1e-6;
-        c.linear[1][1] += p[0] * 1e-6;
+        c.linear[0][0] -= p[0] * 1e-6;
+        c.linear[1][1] -= p[0] * 1e-6;
     });
     l.effect(
         words(
             "pixel-aspect",
-            "pixels are not square",
+            "pixels are not square: larger by so much than the calibration says, along u or along v",
             "twice round the edge, fixed to the camera",
             OFF,
         ),
         None,
     );
-    camera(l, &["v_um_per_m"], 300.0, |c, p| c.linear[1][1] += p[0] * 1e-6);
+    camera(l, &["v_um_per_m"], 300.0, |c, p| c.linear[1][1] -= p[0] * 1e-6);
     camera(l, &["um_per_m"], 300.0, |c, p| {
-        c.linear[0][0] += 0.5e-6 * p[0];
-        c.linear[1][1] -= 0.5e-6 * p[0];
+        c.linear[0][0] -= 0.5e-6 * p[0];
+        c.linear[1][1] += 0.5e-6 * p[0];
     });
-    camera(l, &["u_um_per_m"], 300.0, |c, p| c.linear[0][0] += p[0] * 1e-6);
+    camera(l, &["u_um_per_m"], 300.0, |c, p| c.linear[0][0] -= p[0] * 1e-6);
     l.effect(
         words(
             "camera-rotation",
-            "the camera is turned about its axis",
+            "the camera is turned about its axis, counter-clockwise seen from above",
             "the rod's apparent place across its place in the frame",
             OFF,
         ),
@@ -67,8 +68,8 @@ fn pixels(l: &mut L) {
     );
     camera(l, &["angle_deg"], 0.02, |c, p| {
         let a = p[0].to_radians();
-        c.linear[0][1] -= a;
-        c.linear[1][0] += a;
+        c.linear[0][1] += a;
+        c.linear[1][0] -= a;
     });
     l.effect(
         words(
