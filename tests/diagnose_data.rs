@@ -213,14 +213,13 @@ fn run_out_is_seen_whichever_way_the_table_turns() {
     }
 }
 
-/// A rod stands where the machine has it, far from the machine's zero: a scale about that zero shifts the rod by 0.4 mm besides what it
-/// stretches.
-#[test]
-fn a_scale_is_named_far_from_the_machines_zero() {
+/// What `diagnose rod` says of a rod far from the machine's zero whose Y stretches by so much and whose pixels are larger than the
+/// calibration has them: the first name, its size and its interval, um/m.
+fn rod_told(y_um_per_m: f64, pixel_um_per_m: f64) -> (String, f64, f64) {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     let mut normal = normal();
-    let (rod, radius_mm, pixel_mm, y_um_per_m) = ([410.0, -185.0], 2.0, 0.005, 2200.0);
+    let (rod, radius_mm, pixel_mm) = ([410.0, -185.0], 2.0, 0.005 * (1.0 + 1e-6 * pixel_um_per_m));
     let mut csv = String::from("capture,x_mm,y_mm,t_s,u_px,v_px\n");
     for k in 0..49_usize {
         let i = k * 20 % 49;
@@ -244,10 +243,44 @@ fn a_scale_is_named_far_from_the_machines_zero() {
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(report["verdict"], "named", "{report:#}");
     let effect = &report["effects"][0];
-    assert_eq!(effect["name"], "scale-y");
     let of = |key: &str| effect[key]["um_per_m"].as_f64().unwrap();
-    let (size, u95) = (of("parameters"), of("parameters_u95"));
-    assert!((size - y_um_per_m).abs() < 1.5 * u95 && u95 < 200.0, "{size} ± {u95}");
+    (effect["name"].as_str().unwrap().to_owned(), of("parameters"), of("parameters_u95"))
+}
+
+/// A rod stands where the machine has it, far from the machine's zero: a scale about that zero shifts the rod by 0.4 mm besides what it
+/// stretches.
+#[test]
+fn a_scale_is_named_far_from_the_machines_zero() {
+    let (name, size, u95) = rod_told(2200.0, 0.0);
+    assert_eq!(name, "scale-y");
+    assert!((size - 2200.0).abs() < 1.5 * u95 && u95 < 200.0, "{size} ± {u95}");
+}
+
+/// Of the camera is said what it is: larger pixels, which show everything nearer to the axis.
+#[test]
+fn larger_pixels_are_said_to_be_larger() {
+    let (name, size, u95) = rod_told(0.0, 900.0);
+    assert_eq!(name, "pixel-scale");
+    assert!((size - 900.0).abs() < 1.5 * u95 && u95 < 200.0, "{size} ± {u95}");
+}
+
+/// A C axis that is tilted about the height at which its centre was measured moves the target up and down, and hardly sideways: that is
+/// no axial motion of the table.
+#[test]
+fn a_tilt_may_leave_the_axis_where_it_was_at_the_targets_height() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let tilt_deg: f64 = 0.005;
+    sweep_with_returns(folder, |pose, _, _| {
+        let (s, c) = ((pose % 10) as f64 * 36.7_f64).to_radians().sin_cos();
+        [0.0, 0.0, tilt_deg.to_radians() * (70.0 * c - 10.0 * s)]
+    });
+    let report = diagnose("rtcp", folder);
+    let effect = &report["effects"][0];
+    assert_eq!(effect["name"], "c-axis-tilt-y", "{report:#}");
+    assert_eq!(effect["parameters"]["at_target"], 1.0);
+    let of = |key: &str| effect[key]["tilt_deg"].as_f64().unwrap();
+    assert!((of("parameters") - tilt_deg).abs() < 1.5 * of("parameters_u95"), "{effect:#}");
 }
 
 /// A beam that leans and a nozzle beside it, 45 burns: `hidden` of the height, mm.

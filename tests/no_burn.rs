@@ -223,3 +223,24 @@ fn a_chip_in_a_drilled_hole_is_no_spot_where_a_burn_has_one() {
     let found = measure(&seen).unwrap();
     assert!(off_mm(&found, offset_px) < 1e-3, "{:?}", found.report.offset.offset_mm);
 }
+
+/// One of many specks on a plate is no spot because it lies on something round; alone it may be one.
+#[test]
+fn a_speck_among_others_like_it_is_no_spot() {
+    let disc = Vector2::new(318.3, 241.6);
+    let strewn = [(22.4, 14.1), (-118.0, 62.0), (96.0, -90.0), (140.0, 31.0), (-64.0, -121.0)];
+    let specks = |count: usize| {
+        let at: Vec<_> = strewn[..count].iter().map(|(x, y)| disc + Vector2::new(*x, *y)).collect();
+        measure(&picture(|p| {
+            let speck = at.iter().any(|s| (p - s).norm() < 5.0);
+            match ((p - disc).norm() < 70.0, speck) {
+                (_, true) => 0.4 * BURNT,
+                (true, false) => 1.4 * PLATE,
+                (false, false) => PLATE,
+            }
+        }))
+    };
+    assert!(specks(1).is_ok());
+    let found = specks(strewn.len()).map(|m| m.report.spot.diameter_mm);
+    assert!(found.is_err(), "{found:?}");
+}

@@ -158,6 +158,8 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
             .filter(|e| matches!(e.kind, Extra::Form { .. }))
             .cloned()
             .collect(),
+        // Shapes may have moved the set-up far away, where they make up for it.
+        nuisances: s.baseline.model.nuisances.clone(),
         ..f.model.clone()
     };
     let generic_count = f.model.extras.len() - named_model.extras.len();

@@ -206,14 +206,13 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
     }
     let series: Vec<f64> = data.series.iter().map(|s| *s as f64).collect();
     let mut keys: Vec<&[f64]> = vec![&series];
-    // Time and temperature pass by, and a place is one from whichever side it is reached; everything else makes the place.
-    keys.extend(
-        data.numbers
-            .iter()
-            .filter(|(n, _)| !["t_s", "temp_c", "screw_c", "ambient_c", "dir"].contains(n))
-            .map(|(_, c)| c.as_slice()),
-    );
-    let sites = if data.head_c.is_empty() { sites(&keys, rows) } else { (0..rows).collect() };
+    // Time and temperature pass by, and a place is one from whichever side it is reached; everything else makes the place. Where the
+    // head's temperatures count, only what is read again at once is read at one place.
+    let passes = |name: &str| ["t_s", "temp_c", "screw_c", "ambient_c", "dir"].contains(&name);
+    let all = !data.head_c.is_empty();
+    let columns = data.numbers.iter().filter(|(name, _)| all || !passes(name));
+    keys.extend(columns.map(|(_, c)| c.as_slice()).chain(data.head_c.iter().map(Vec::as_slice)));
+    let sites = sites(&keys, rows);
     Layout {
         values: (0..rows * k).map(|i| measured[i % k][i / k]).collect(),
         groups: (0..rows * k).map(|i| i / k).collect(),

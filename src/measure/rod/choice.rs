@@ -70,9 +70,8 @@ impl<'a> Choice<'a> {
             }
             let found = if other == 0 { self.attempts.apart() } else { about(other) };
             let Some(Ok(other)) = found.map(|found| self.measure(found)) else { continue };
-            let clearer = |m: &Measured| other.report.form_rms_mm < CLEARER * m.report.form_rms_mm;
             // Where the likeliest is refused another must be no such circle itself.
-            if best.as_ref().map_or_else(|_| !doubtful(&other), clearer) {
+            if best.as_ref().map_or_else(|_| !doubtful(&other), |m| clearer(&other, m)) {
                 best = Ok(other);
             }
         }
@@ -94,8 +93,11 @@ impl<'a> Choice<'a> {
     /// The rim of nominal size where `best` is none: stronger edges than the rim's (turned grooves, a collet) led elsewhere.
     fn near(&self, nominal_mm: f64, best: Result<Measured>) -> Result<Measured> {
         let meets = |m: &Measured| self.options.is_nominal(m.report.diameter_mm);
-        if best.as_ref().is_ok_and(meets) {
-            return best;
+        if let Ok(found) = &best
+            && meets(found)
+        {
+            let unled = doubtful(found).then(|| self.unled()).flatten();
+            return unled.filter(|m| meets(m) && clearer(m, found)).map_or(best, Ok);
         }
         let named = self.attempts.named().and_then(|found| self.measure_at(&found).ok());
         let ragged = |m: &Measured| m.report.form_rms_mm >= agreement::RAGGED_MM;
@@ -106,6 +108,13 @@ impl<'a> Choice<'a> {
             }
             (None, best) => best,
         }
+    }
+
+    /// The likeliest circle sought without the nominal diameter, which may lead to edges of two circles.
+    fn unled(&self) -> Option<Measured> {
+        let attempts = Attempts::new(self.captures, self.angle_of, self.frames, None);
+        let found = attempts.rim(*attempts.likely().first()?)?;
+        self.measure(found).ok()
     }
 
     /// Measures a circle, about one centre where the table angles show one.
@@ -139,6 +148,11 @@ impl<'a> Choice<'a> {
 
 fn doubtful(measured: &Measured) -> bool {
     measured.report.form_rms_mm >= DOUBTFUL_MM
+}
+
+/// Whether a rim wanders so much less than another that the other may be edges of two circles.
+fn clearer(a: &Measured, b: &Measured) -> bool {
+    a.report.form_rms_mm < CLEARER * b.report.form_rms_mm
 }
 
 fn unseen(nominal_mm: Option<f64>) -> Error {
