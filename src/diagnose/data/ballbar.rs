@@ -24,8 +24,7 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
             let mut other = data.clone();
             other.numbers.insert("z_mm", given.iter().map(|g| s * g).collect());
             let misses = other.find_cups(measured);
-            let off = given.iter().zip(&linked).map(|(g, l)| (s * g - l).powi(2)).sum::<f64>();
-            (other, misses, off)
+            (other, misses, -s * alike_mm2(&given, &linked))
         };
         let (up, down) = (sense(1.0), sense(-1.0));
         // Short paths fit either way.
@@ -57,6 +56,13 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
     }
     nuisances.push(Parameter::linear("bar_mm", 0.05));
     nuisances
+}
+
+/// How far two columns go the same way: the sum of their products, each from its mean.
+fn alike_mm2(a: &[f64], b: &[f64]) -> f64 {
+    let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len().max(1) as f64;
+    let (a_mm, b_mm) = (mean(a), mean(b));
+    a.iter().zip(b).map(|(x, y)| (x - a_mm) * (y - b_mm)).sum()
 }
 
 /// Z = 2R (1 - cos B) downwards keeps the bar's length over a cup 2R below the pivot (docs/diagnose.md).
@@ -134,8 +140,9 @@ impl Columns {
                 cups.push(straight_below(beside_mm, &self.head, bar_mm));
                 continue;
             }
-            let cup = find(straight_below(beside_mm, &self.head, mean), &tools, &lengths);
-            squares += cup.miss_mm(&tools, &lengths).powi(2) * rows.len() as f64;
+            let below = straight_below(beside_mm, &self.head, mean);
+            let (cup, miss_mm) = find(below, &tools, &lengths);
+            squares += miss_mm.powi(2) * rows.len() as f64;
             cups.push(cup);
         }
         self.cups = cups;

@@ -51,22 +51,32 @@ pub fn straight_below(beside_mm: f64, tool0: &Vector3<f64>, bar_mm: f64) -> Cup 
     Cup { place_mm, bar_mm, side_assumed: false, y_is_free: false }
 }
 
-/// The cup of one path: straight below where that is about right, otherwise where the lengths put it.
-pub fn find(below: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
+/// The cup of one path: straight below where that is about right, otherwise where its name says how far beside the plane of motion, or
+/// where the lengths put it. With it, the root mean square of what the lengths miss by if all is fitted to them, the bar's own too: a
+/// short arc about a cup beside the plane is one about a cup within it, seen with a longer bar.
+pub fn find(below: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> (Cup, f64) {
+    let with_bar = with_its_bar(below, tools, lengths_mm);
+    let at_best = |cup: Cup| (cup, cup.miss_mm(tools, lengths_mm).min(with_bar));
     if below.miss_mm(tools, lengths_mm) < NEAR_MM {
-        return below;
+        return at_best(below);
     }
-    let Some(beside) = from_lengths(below, tools, lengths_mm) else { return below };
-    let plane =
-        Cup { place_mm: beside.place_mm.component_mul(&Vector3::new(1.0, 0.0, 1.0)), ..beside };
-    let plane = in_plane(plane, tools, lengths_mm);
+    let Some(beside) = from_lengths(below, tools, lengths_mm) else { return at_best(below) };
+    let at = |y_mm: f64| {
+        let place_mm = Vector3::new(beside.place_mm.x, y_mm, beside.place_mm.z);
+        beside_by(Cup { place_mm, ..beside }, tools, lengths_mm)
+    };
     let enough = (3.0 * beside.miss_mm(tools, lengths_mm)).max(ERRORS_MM);
+    let told = at(below.place_mm.y);
+    if told.miss_mm(tools, lengths_mm) < enough {
+        return at_best(told);
+    }
+    let plane = at(0.0);
     if beside.place_mm.y < BESIDE * below.bar_mm || plane.miss_mm(tools, lengths_mm) < enough {
-        return plane;
+        return at_best(plane);
     }
     let side = if below.place_mm.y < 0.0 { -1.0 } else { 1.0 };
     let place_mm = beside.place_mm.component_mul(&Vector3::new(1.0, side, 1.0));
-    Cup { place_mm, side_assumed: below.place_mm.y == 0.0, ..beside }
+    at_best(Cup { place_mm, side_assumed: below.place_mm.y == 0.0, ..beside })
 }
 
 /// The cup that fits the squared lengths best, on the side of positive y.
@@ -85,8 +95,8 @@ fn from_lengths(below: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Optio
     place_mm.iter().all(|v| v.is_finite()).then_some(Cup { place_mm, ..below })
 }
 
-/// The best cup in the plane of motion near `cup` (Gauss-Newton).
-fn in_plane(mut cup: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
+/// The best cup near `cup`, as far beside the plane of motion as that (Gauss-Newton).
+fn beside_by(mut cup: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
     for _ in 0..20 {
         let (mut normal, mut right) = (Matrix3::identity() * 1e-9, Vector3::zeros());
         for (tool, length) in tools.iter().zip(lengths_mm) {
@@ -100,4 +110,26 @@ fn in_plane(mut cup: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> Cup {
         cup.place_mm += inverse * right;
     }
     cup
+}
+
+/// What the lengths miss by, root mean square, about the best cup near `cup` with a bar of the best length (Gauss-Newton).
+fn with_its_bar(mut cup: Cup, tools: &[Vector3<f64>], lengths_mm: &[f64]) -> f64 {
+    let (mut bar_mm, mut least) = (0.0, f64::INFINITY);
+    for _ in 0..20 {
+        let (mut normal, mut right, mut squares) = (Matrix3::zeros(), Vector3::zeros(), 0.0);
+        for (tool, length) in tools.iter().zip(lengths_mm) {
+            let away = cup.place_mm - tool;
+            let distance = away.norm().max(1e-9);
+            let row = Vector3::new(away.x / distance, 1.0, away.z / distance);
+            let missed = length - distance - bar_mm;
+            normal += row * row.transpose();
+            right += row * missed;
+            squares += missed * missed;
+        }
+        least = f64::min(least, (squares / tools.len().max(1) as f64).sqrt());
+        let Some(step) = normal.try_inverse().map(|inverse| inverse * right) else { break };
+        cup.place_mm += Vector3::new(step.x, 0.0, step.z);
+        bar_mm += step.y;
+    }
+    least
 }

@@ -1,0 +1,74 @@
+//! Ball bars on paths as the program plans them: which axis moves, where the cup is, what a screw of any pitch does.
+
+#[path = "common/diagnose.rs"]
+mod common;
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use common::{BAR, answer, normal, run};
+
+/// Rows of a path that the program plans: its name, B, X, Z and the bar's length.
+fn planned(folder: &Path, path: &str, more: &[&str]) -> Vec<String> {
+    let plan = ["ballbar", "plan", "--path", path, "--format", "csv", "--out", "plan.csv"];
+    assert!(run(&[&plan[..], more].concat(), folder).status.success());
+    let text = std::fs::read_to_string(folder.join("plan.csv")).unwrap();
+    assert!(text.starts_with("path,b_deg,x_mm,z_mm,length_mm"), "{text}");
+    text.lines().skip(1).map(str::to_owned).collect()
+}
+
+/// Simulates `data.csv` in its place and gives the lengths before and after.
+fn simulated(folder: &Path, model: &str, noise_mm: &str) -> [Vec<f64>; 2] {
+    std::fs::write(folder.join("real.toml"), model).unwrap();
+    let lengths = || -> Vec<f64> {
+        let text = std::fs::read_to_string(folder.join("data.csv")).unwrap();
+        let at = text.lines().next().unwrap().split(',').position(|n| n == "length_mm").unwrap();
+        let cell = |line: &str| line.split(',').nth(at).unwrap().parse().unwrap();
+        text.lines().skip(1).map(cell).collect()
+    };
+    let before = lengths();
+    let files = ["simulate", "ballbar", "--model", "real.toml", "--data", "data.csv"];
+    let out = ["--noise-mm", noise_mm, "--format", "csv", "--out", "data.csv"];
+    assert!(run(&[&files[..], &out].concat(), folder).status.success());
+    [before, lengths()]
+}
+
+/// A bar keeps its length on every path that was planned for it, through B = 0 and on short ones too.
+#[test]
+fn every_path_is_simulated_as_it_was_planned() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    for path in ["zb", "zb-y150", "zbk-y150", "xb", "xb-y-80", "xbk-y150", "xbk-y-80"] {
+        for [from, to] in [["30", "-40"], ["0", "-15"], ["-10", "-50"]] {
+            let rows =
+                planned(folder, path, &["--from-deg", from, "--to-deg", to, "--steps", "40"]);
+            let csv = format!("path,b_deg,x_mm,z_mm,length_mm\n{}\n", rows.join("\n"));
+            std::fs::write(folder.join("data.csv"), csv).unwrap();
+            let [plan, lengths] = simulated(folder, BAR, "0");
+            let off = plan.iter().zip(&lengths).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+            assert!(off < 1e-4, "{path} {from}..{to}: {off} mm");
+        }
+    }
+}
+
+/// A short arc about a cup beside the plane is one about a cup within it, seen with a longer bar: nothing is missing, whichever way Z
+/// counts.
+#[test]
+fn a_short_arc_of_no_name_has_its_cup_beside() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let machine = BAR.replace("400.0", "280.0");
+    for [from, to] in [["0", "-15"], ["10", "-10"], ["-5", "-20"]] {
+        let bar = ["--pivot-mm", "280", "--below-mm", "680", "--from-deg", from, "--to-deg", to];
+        let rows = planned(folder, "zb-y150", &[&bar[..], &["--steps", "80"]].concat());
+        let mut normal = normal();
+        let mut csv = String::from("b_deg,z_mm,dir,length_mm\n");
+        for (row, dir) in rows.iter().map(|r| (r, -1)).chain(rows.iter().rev().map(|r| (r, 1))) {
+            let cells: Vec<&str> = row.split(',').collect();
+            let [z, length] = [3, 4].map(|i: usize| cells[i].parse::<f64>().unwrap());
+            writeln!(csv, "{},{},{dir},{:.6}", cells[1], -z, length + 0.0007 * normal()).unwrap();
+        }
+        let report = answer("ballbar", &machine, &csv);
+        assert_eq!(report["verdict"], "consistent", "{from}..{to}: {}", report["effects"]);
+    }
+}
