@@ -72,3 +72,23 @@ fn a_short_arc_of_no_name_has_its_cup_beside() {
         assert_eq!(report["verdict"], "consistent", "{from}..{to}: {}", report["effects"]);
     }
 }
+
+/// Where Z stands still it does not turn back.
+#[test]
+fn a_path_of_x_shows_no_backlash_of_z() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let effect = "[[effects]]\nname = \"z-backlash\"\nparameters = { width_mm = 0.01 }\n";
+    for (path, most_mm) in [("xbk-y150", 0.0), ("xb", 0.0), ("zb", 0.005)] {
+        let rows = planned(folder, path, &["--steps", "40"]);
+        let mut csv = String::from("dir,path,b_deg,x_mm,z_mm,length_mm\n");
+        for (row, dir) in rows.iter().map(|r| (r, -1)).chain(rows.iter().rev().map(|r| (r, 1))) {
+            writeln!(csv, "{dir},{row}").unwrap();
+        }
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let [_, without] = simulated(folder, BAR, "0");
+        let [_, with] = simulated(folder, &format!("{BAR}{effect}"), "0");
+        let most = without.iter().zip(&with).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!((most - most_mm).abs() < 1e-4, "{path}: {most} mm");
+    }
+}

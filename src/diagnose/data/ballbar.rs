@@ -70,12 +70,29 @@ fn linked_z(data: &Columns, b_deg: f64) -> f64 {
     -2.0 * data.head.norm() * (1.0 - b_deg.to_radians().cos())
 }
 
-/// The Z that keeps the bar's length on a path.
-pub fn next_z(data: &Columns, path: usize, b_deg: f64) -> f64 {
-    let Some(cup) = data.cups.get(path) else { return linked_z(data, b_deg) };
+/// Where X and Z go next on a path, keeping the bar's length: the one of them that stands still on it stays, and X where both have moved.
+/// Where X has no column it is zero.
+pub fn next_place(data: &Columns, path: usize, b_deg: f64) -> [f64; 2] {
+    let rows = data.rows_of(path);
+    let last = |name: &str| rows.last().and_then(|row| data.get(name).get(*row)).copied();
+    let x_mm = last("x_mm").unwrap_or(0.0);
+    let linked = [x_mm, linked_z(data, b_deg)];
+    let Some(cup) = data.cups.get(path) else { return linked };
     let from_cup = turned(b_deg.to_radians(), data.head) - cup.place_mm;
-    let rest = cup.bar_mm.powi(2) - from_cup.x.powi(2) - from_cup.y.powi(2);
-    if rest < 0.0 { linked_z(data, b_deg) } else { rest.sqrt() - from_cup.z }
+    let level = |along: f64| cup.bar_mm.powi(2) - along.powi(2) - from_cup.y.powi(2);
+    let still = |name: &str| data.stands_still(name, &rows);
+    match last("z_mm") {
+        Some(z_mm) if still("z_mm") && !still("x_mm") => {
+            let rest = level(from_cup.z + z_mm).max(0.0).sqrt();
+            // On the side of the cup that the path is on.
+            let side = data.tool(rows[rows.len() - 1]).x - cup.place_mm.x;
+            [rest.copysign(side) - from_cup.x, z_mm]
+        }
+        _ => {
+            let rest = level(from_cup.x + x_mm);
+            if rest < 0.0 { linked } else { [x_mm, rest.sqrt() - from_cup.z] }
+        }
+    }
 }
 
 /// The bar's length at a row. Nuisances: each path's cup x and z, y of those where it is free, the bar.

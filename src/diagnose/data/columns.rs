@@ -76,6 +76,16 @@ impl Columns {
         (0..self.series.len()).filter(|row| self.series[*row] == series).collect()
     }
 
+    /// Whether an axis stands still in these rows.
+    pub fn stands_still(&self, name: &str, rows: &[usize]) -> bool {
+        /// Readings of an axis that stands still differ by no more.
+        const STANDS_MM: f64 = 0.01;
+        let column = self.get(name);
+        let own: Vec<f64> = rows.iter().filter_map(|row| column.get(*row)).copied().collect();
+        let (low, high) = range(&own);
+        own.is_empty() || high - low <= STANDS_MM
+    }
+
     /// First and last time.
     pub fn times_s(&self) -> (f64, f64) {
         let t = self.get("t_s");

@@ -335,10 +335,11 @@ impl Experiment for PlainExperiment {
                     // Burns are taken one by one; a path and a warm-up last as long as the plan.
                     "t_s" if self.sort.series.is_empty() => {}
                     "t_s" => extend_time(column),
-                    // Z stays linked to B, as the ball bar's own path has it.
-                    "z_mm" => {
+                    // X and Z stay linked to B, as the ball bar's own path has them.
+                    "x_mm" | "z_mm" => {
                         let b_deg = capture.or_last("b_deg", &[0.0]);
-                        column.push(ballbar::next_z(&self.data, series, b_deg));
+                        let [x_mm, z_mm] = ballbar::next_place(&self.data, series, b_deg);
+                        column.push(if *name == "x_mm" { x_mm } else { z_mm });
                     }
                     name => capture.extend(name, column),
                 }

@@ -5,6 +5,7 @@ use nalgebra::{Rotation3, Vector3};
 use crate::diagnose::data::ballbar::turned;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
+use crate::diagnose::effects::ballbar_ways::{since_turn_deg, slope_mm, speeds_rad_s, z_ways};
 use crate::diagnose::effects::{
     CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, lagged, risen, words,
 };
@@ -12,19 +13,6 @@ use crate::diagnose::experiment::{Parameter, Untestable};
 use crate::fit::robust::range;
 
 type L = Library<Columns, Vector3<f64>>;
-
-/// Z stands still where it goes no farther per radian of B, mm.
-const STILL_MM: f64 = 1e-3;
-
-/// How far Z goes per radian of B where both together keep the bar's length.
-fn slope_mm(data: &Columns, row: usize) -> f64 {
-    let Some(cup) = data.cups.get(data.series[row]) else { return 0.0 };
-    let along = data.tool(row) - cup.place_mm;
-    let arm = turned(data.get("b_deg")[row].to_radians(), data.head);
-    let swing = Vector3::new(arm.z, 0.0, -arm.x);
-    // Where the bar is level, Z does nothing for its length.
-    -along.dot(&swing) / along.z.abs().max(0.1 * cup.bar_mm).copysign(along.z)
-}
 
 /// Adds parameters times a vector function of the row.
 fn term(
@@ -41,13 +29,6 @@ fn term(
 fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
     let b = data.get("b_deg")[row].to_radians();
     turned(b + extra_rad, data.head) - turned(b, data.head)
-}
-
-/// Why a backlash of Z cannot be tested: it turns back where B passes its middle, even in a run driven one way.
-fn z_one_way(data: &Columns) -> Option<Untestable> {
-    let ways = || data.get("dir").iter().enumerate().map(|(row, dir)| dir * slope_mm(data, row));
-    let turns_back = ways().any(|w| w > STILL_MM) && ways().any(|w| w < -STILL_MM);
-    data.needs(&["dir"]).filter(|_| !turns_back)
 }
 
 /// Runs that show what one path cannot.
@@ -181,14 +162,33 @@ fn backlash(l: &mut L, data: &Columns) {
         },
         z_one_way(data),
     );
-    // Z turns back where B passes its middle; `dir` may also be Z's own.
-    term(l, one("width_mm", 0.01), |data, p, row| {
-        let way = data.get("dir")[row] * slope_mm(data, row);
-        Vector3::new(0.0, 0.0, if way == 0.0 { 0.0 } else { -0.5 * p[0] * way.signum() })
+    // Z turns back where B passes its middle; `dir` may also be Z's own. Where Z stands still nothing turns back.
+    l.form(one("width_mm", 0.01), |data, p, errors| {
+        let dir = data.get("dir");
+        for (row, (e, way)) in errors.iter_mut().zip(z_ways(data)).enumerate() {
+            e.z -= 0.5 * p[0] * dir[row] * way;
+        }
     });
-    term(l, one("own_dir_width_mm", 0.01), |data, p, row| {
-        Vector3::new(0.0, 0.0, -0.5 * data.get("dir")[row] * p[0])
+    l.form(one("own_dir_width_mm", 0.01), |data, p, errors| {
+        let dir = data.get("dir");
+        for (row, (e, way)) in errors.iter_mut().zip(z_ways(data)).enumerate() {
+            e.z -= 0.5 * p[0] * dir[row] * way.abs();
+        }
     });
+}
+
+/// Why a backlash of Z cannot be tested: it turns back where B passes its middle, even in a run driven one way; never where it stands.
+fn z_one_way(data: &Columns) -> Option<Untestable> {
+    let ways = z_ways(data);
+    let both = |turn: fn(f64) -> f64| {
+        let of_z = || data.get("dir").iter().zip(&ways).map(|(dir, way)| dir * turn(*way));
+        of_z().any(|w| w > 0.0) && of_z().any(|w| w < 0.0)
+    };
+    if both(|way| way) || both(f64::abs) {
+        return None;
+    }
+    let never = || Untestable { why: "Z never turns back".into(), predictable: true };
+    Some(data.needs(&["dir"]).unwrap_or_else(never))
 }
 
 fn pitch(l: &mut L, data: &Columns) {
@@ -264,57 +264,6 @@ fn servo(l: &mut L, data: &Columns) {
             e.z += p[0] * speed_rad_s * slope_mm(data, row);
         }
     });
-}
-
-/// How far B has gone in every row since it last turned back, degrees; infinite before it ever did. Rows without a time stand in the order
-/// of the run.
-fn since_turn_deg(data: &Columns) -> Vec<f64> {
-    let (b_deg, t_s, dir) = (data.get("b_deg"), data.get("t_s"), data.get("dir"));
-    let mut way_deg = vec![f64::INFINITY; b_deg.len()];
-    if dir.len() < b_deg.len() {
-        return way_deg;
-    }
-    for series in 0..data.series_names.len() {
-        let (mut turn_deg, mut rows) = (None, data.rows_of(series));
-        if t_s.len() == b_deg.len() {
-            rows.sort_by(|a, b| t_s[*a].total_cmp(&t_s[*b]));
-        }
-        for pair in rows.windows(2) {
-            let [before, row] = [pair[0], pair[1]];
-            if dir[before] * dir[row] < 0.0 {
-                turn_deg = Some(b_deg[before]);
-            }
-            way_deg[row] = turn_deg.map_or(f64::INFINITY, |turn: f64| (b_deg[row] - turn).abs());
-        }
-    }
-    way_deg
-}
-
-/// How fast B moves in every row, from its nearest neighbour in time that goes the same way.
-fn speeds_rad_s(data: &Columns) -> Vec<f64> {
-    let (b_deg, t_s, dir) = (data.get("b_deg"), data.get("t_s"), data.get("dir"));
-    let mut speeds = vec![0.0; data.series.len()];
-    if t_s.len() < speeds.len() {
-        return speeds;
-    }
-    for series in 0..data.series_names.len() {
-        let mut rows = data.rows_of(series);
-        rows.sort_by(|a, b| t_s[*a].total_cmp(&t_s[*b]));
-        let mut nearest_s = vec![f64::INFINITY; speeds.len()];
-        for pair in rows.windows(2).map(|w| [w[0], w[1]]) {
-            let [before, after] = pair;
-            let step_s = t_s[after] - t_s[before];
-            if step_s > 0.0 && dir[before] == dir[after] {
-                for row in pair {
-                    if step_s < nearest_s[row] {
-                        nearest_s[row] = step_s;
-                        speeds[row] = (b_deg[after] - b_deg[before]).to_radians() / step_s;
-                    }
-                }
-            }
-        }
-    }
-    speeds
 }
 
 /// The head's growth, with temperature where that was recorded, otherwise as time goes by.

@@ -1,6 +1,7 @@
 //! The effects the diagnosis knows by name, one file per kind of data.
 
 pub mod ballbar;
+mod ballbar_ways;
 pub mod burn;
 pub mod rod;
 mod rod_camera;
