@@ -6,7 +6,7 @@ mod common;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use common::{BAR, answer, normal, run};
+use common::{BAR, answer, class, diagnose, normal, run};
 
 /// Rows of a path that the program plans: its name, B, X, Z and the bar's length.
 fn planned(folder: &Path, path: &str, more: &[&str]) -> Vec<String> {
@@ -28,8 +28,10 @@ fn simulated(folder: &Path, model: &str, noise_mm: &str) -> [Vec<f64>; 2] {
     };
     let before = lengths();
     let files = ["simulate", "ballbar", "--model", "real.toml", "--data", "data.csv"];
-    let out = ["--noise-mm", noise_mm, "--format", "csv", "--out", "data.csv"];
-    assert!(run(&[&files[..], &out].concat(), folder).status.success());
+    let out = ["--noise-mm", noise_mm, "--format", "csv", "--out", "simulated.csv"];
+    let output = run(&[&files[..], &out].concat(), folder);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    std::fs::rename(folder.join("simulated.csv"), folder.join("data.csv")).unwrap();
     [before, lengths()]
 }
 
@@ -90,5 +92,28 @@ fn a_path_of_x_shows_no_backlash_of_z() {
         let [_, with] = simulated(folder, &format!("{BAR}{effect}"), "0");
         let most = without.iter().zip(&with).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
         assert!((most - most_mm).abs() < 1e-4, "{path}: {most} mm");
+    }
+}
+
+/// A screw has whatever pitch it has: those that no list has are found too, and told closely.
+#[test]
+fn a_screw_of_any_pitch_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), BAR).unwrap();
+    for pitch_mm in [7.0, 9.1, 14.0, 18.2] {
+        let rows = planned(folder, "zb", &["--steps", "220"]);
+        let csv = format!("path,b_deg,x_mm,z_mm,length_mm\n{}\n", rows.join("\n"));
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let cycle = format!(
+            "[[effects]]\nname = \"cyclic-z\"\nparameters = {{ cos_mm = 0.0008, sin_mm = 0.0005, pitch_mm = {pitch_mm} }}\n"
+        );
+        simulated(folder, &format!("{BAR}{cycle}"), "0.0008");
+        let report = diagnose("ballbar", folder);
+        let effects = report["effects"].as_array().unwrap();
+        assert_eq!((report["verdict"].as_str(), effects.len()), (Some("named"), 1), "{report}");
+        assert_eq!(class(&report).last(), Some(&"cyclic-z"), "{pitch_mm}");
+        let found = effects[0]["parameters"]["pitch_mm"].as_f64().unwrap();
+        assert!((found / pitch_mm - 1.0).abs() < 0.01, "{found}, not {pitch_mm}");
     }
 }

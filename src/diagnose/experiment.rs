@@ -17,23 +17,52 @@ pub struct Parameter {
     pub grid: Vec<f64>,
     /// The value the fit starts from.
     pub start: f64,
+    /// Values beyond the grid that are looked through.
+    pub scan: Scan,
+}
+
+/// Values of a parameter of the form that are looked through one by one, at a price: where many are tried, one fits by chance.
+#[derive(Debug, Clone, Default)]
+pub struct Scan {
+    /// The values.
+    pub values: Vec<f64>,
+    /// Two values are one where they make less than half a turn of difference over so much.
+    pub turns_over: f64,
+    /// What one that is not on the grid costs: ln of how many independent ones are tried, nats.
+    pub nats: f64,
+}
+
+impl Scan {
+    /// Turns that one value makes more than another.
+    pub fn turns_apart(&self, a: f64, b: f64) -> f64 {
+        (self.turns_over / a - self.turns_over / b).abs()
+    }
+
+    /// So many values to either side of one of them, up to the next ones.
+    pub fn about(&self, value: f64, to_a_side: i32) -> Vec<f64> {
+        let gap = |other: &f64| Some(self.turns_apart(value, *other)).filter(|turns| *turns > 0.0);
+        let step_turns = self.values.iter().filter_map(gap).reduce(f64::min).unwrap_or(0.0)
+            / f64::from(to_a_side);
+        let at = |k: i32| self.turns_over / (self.turns_over / value + f64::from(k) * step_turns);
+        (-to_a_side..=to_a_side).map(at).collect()
+    }
 }
 
 impl Parameter {
     /// A parameter that enters linearly and is zero where the effect is absent.
     pub fn linear(name: impl Into<Cow<'static, str>>, typical: f64) -> Self {
-        Self { name: name.into(), typical, grid: Vec::new(), start: 0.0 }
+        Self { name: name.into(), typical, grid: Vec::new(), start: 0.0, scan: Scan::default() }
     }
 
     /// A parameter of the form (a lag, a pitch), searched on a grid first.
     pub fn shape(name: impl Into<Cow<'static, str>>, grid: &[f64]) -> Self {
         let typical = grid.first().copied().unwrap_or(1.0);
-        Self { name: name.into(), typical, grid: grid.to_vec(), start: typical }
+        Self { grid: grid.to_vec(), start: typical, ..Self::linear(name, typical) }
     }
 
     /// A choice between definitions that is part of the form and never fitted.
     pub fn switch(name: &'static str, value: f64) -> Self {
-        Self { name: name.into(), typical: 0.0, grid: vec![value], start: value }
+        Self { grid: vec![value], start: value, ..Self::linear(name, 0.0) }
     }
 
     /// Whether the parameter is a switch, which no fit changes.
@@ -58,6 +87,12 @@ impl Parameter {
     /// Whether a fit left a parameter of the form at such a limit.
     pub fn is_at_limit(&self, value: f64) -> bool {
         self.limits().is_some_and(|(low, high)| value <= low || value >= high)
+    }
+
+    /// What a value costs that was found among many, nats: nothing where the grid has it.
+    pub fn price_of(&self, value: f64) -> f64 {
+        let on_grid = |g: &f64| self.scan.turns_apart(value, *g) < 0.5;
+        if self.grid.iter().any(on_grid) { 0.0 } else { self.scan.nats }
     }
 
     /// All combinations of the grid values of several; linear parameters at zero.

@@ -31,6 +31,7 @@ mod repeats;
 pub mod report;
 mod rim;
 pub mod run;
+pub mod scan;
 pub mod score;
 pub mod screen;
 pub mod select;

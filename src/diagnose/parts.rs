@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
-use crate::diagnose::pool::{Pool, Who, choice};
+use crate::diagnose::pool::{Pool, Who, choice, searched};
 use crate::diagnose::score::{Score, Standing};
 
 /// A removable part of a model.
@@ -111,11 +111,13 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
     let put_back: Vec<_> = all.iter().map(|&p| (range(p), along(fitter, f, p, range(p)))).collect();
     let standing = Standing::new(fitter, f, &put_back);
     let (mut linear, mut shape_parameters, mut free) = (Vec::new(), 0, false);
-    let mut choices = 0.0;
+    let (mut choices, mut searches) = (0.0, 0.0);
     for &part in &all {
         match part {
             Part::Effect(i) => {
-                choices += choice(fitter, &Who::Effect(f.model.active[i].clone()));
+                let who = Who::Effect(f.model.active[i].clone());
+                choices += choice(fitter, &who);
+                searches += searched(fitter, &who);
                 let (columns, shapes) = linear_columns(fitter, &f.model.active[i], range(part));
                 linear.extend(columns);
                 shape_parameters += shapes;
@@ -140,6 +142,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
     pool.candidates[0].shape_parameters = shape_parameters;
     pool.candidates[0].free = free;
     pool.candidates[0].choice = choices;
+    pool.candidates[0].searched = searches;
     let score = standing.scores(fitter, f, &pool).into_iter().next();
     (standing, score)
 }

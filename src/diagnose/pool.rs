@@ -36,6 +36,8 @@ pub struct Candidate {
     pub placed: bool,
     /// What being one of several costs: an effect of many forms, a shape of many variables and outputs, nats.
     pub choice: f64,
+    /// The part of that which no other count of tests holds.
+    pub searched: f64,
 }
 
 /// Forms that fit alike are taken in their order, simplest first, nats.
@@ -50,7 +52,8 @@ pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
             let switches = forms[a.form].iter().filter(|p| p.is_switch()).count();
             // Of two exact aliases the one in its plain form is named first.
             let order = IN_ORDER * a.form as f64;
-            (forms.len() as f64).ln() + 0.2 * switches as f64 + order - info.beforehand
+            let one_of = (forms.len() as f64).ln() + 0.2 * switches as f64 + order;
+            one_of + searched(fitter, who) - info.beforehand
         }
         Who::Extra(Extra::Generic(term)) => {
             let layout = fitter.experiment.layout();
@@ -60,6 +63,13 @@ pub fn choice(fitter: &Fitter, who: &Who) -> f64 {
         }
         Who::Extra(Extra::Form { .. }) => 0.0,
     }
+}
+
+/// What it costs that the values of its form were found among many, nats.
+pub fn searched(fitter: &Fitter, who: &Who) -> f64 {
+    let Who::Effect(a) = who else { return 0.0 };
+    let form = &fitter.experiment.effects()[a.effect].forms[a.form];
+    form.iter().zip(&a.values).map(|(p, value)| p.price_of(*value)).sum()
 }
 
 /// Candidates with their columns, split but not yet whitened. Those that live in the capture-level rows alone come first.
@@ -193,6 +203,7 @@ impl Pool {
             };
             candidates.push(Candidate {
                 choice: choice(fitter, &who),
+                searched: searched(fitter, &who),
                 who,
                 first,
                 count: n,
@@ -213,26 +224,34 @@ impl Pool {
         Self { candidates, top, rest, rest_from, squares, cross: OnceCell::new() }
     }
 
-    /// Every testable form of every library effect, linearised about the baseline.
-    pub fn library(fitter: &Fitter, nuisances: &[f64]) -> Self {
-        let experiment = fitter.experiment;
-        let base = experiment.predict(nuisances, &[]);
-        let mut entries = Vec::new();
-        for (effect, info) in experiment.effects().iter().enumerate() {
+    /// Every testable form of every library effect at the values of its grids, and `found` beside them; linearised about the baseline.
+    pub fn library(fitter: &Fitter, nuisances: &[f64], found: &[Active]) -> Self {
+        let mut all = Vec::new();
+        for (effect, info) in fitter.experiment.effects().iter().enumerate() {
             if info.untestable.is_some() {
                 continue;
             }
             for (form, parameters) in info.forms.iter().enumerate() {
-                for values in Parameter::grid_points(parameters) {
-                    let active = Active { effect, form, values };
-                    let block = size_columns(experiment, nuisances, &base, &active);
-                    let shape_parameters =
-                        parameters.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
-                    entries.push((Who::Effect(active), shape_parameters, block));
-                }
+                let grid = Parameter::grid_points(parameters).into_iter();
+                all.extend(grid.map(|values| Active { effect, form, values }));
+                let same = |a: &&Active| (a.effect, a.form) == (effect, form);
+                all.extend(found.iter().filter(same).cloned());
             }
         }
-        Self::new(fitter, entries)
+        Self::of_effects(fitter, nuisances, all)
+    }
+
+    /// A pool of library effects, linearised about the baseline.
+    pub fn of_effects(fitter: &Fitter, nuisances: &[f64], all: Vec<Active>) -> Self {
+        let experiment = fitter.experiment;
+        let base = experiment.predict(nuisances, &[]);
+        let entry = |active: Active| {
+            let block = size_columns(experiment, nuisances, &base, &active);
+            let form = &experiment.effects()[active.effect].forms[active.form];
+            let shapes = form.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
+            (Who::Effect(active), shapes, block)
+        };
+        Self::new(fitter, all.into_iter().map(entry).collect())
     }
 
     /// The generic dictionary; without free functions and steps of the rim's

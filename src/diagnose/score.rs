@@ -132,7 +132,8 @@ impl Standing {
                 };
                 let coefficient = (c.count == 1).then(|| chi2 / along[c.first]);
                 let score = self.score(fitter, fitted, index, dof, (chi2, rank));
-                Some(Score { evidence: evidence - c.choice, coefficient, ..score })
+                let ln_p = (score.ln_p + c.searched).min(0.0);
+                Some(Score { evidence: evidence - c.choice, coefficient, ln_p, ..score })
             })
             .collect()
     }

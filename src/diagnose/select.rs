@@ -8,6 +8,7 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::Term;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
+use crate::diagnose::scan::found;
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
 use crate::diagnose::shape::Shape;
 use crate::fit::tails::ln_f_tail;
@@ -68,9 +69,10 @@ struct Rivals {
 /// Runs the selection.
 pub fn select(fitter: &Fitter) -> Selection {
     let baseline = fitter.fit(fitter.baseline(), None);
-    let library = Pool::library(fitter, &baseline.model.nuisances);
     let generic = Pool::generic(fitter);
     let standing = Standing::new(fitter, &baseline, &[]);
+    let found = found(fitter, &baseline, &standing);
+    let library = Pool::library(fitter, &baseline.model.nuisances, &found);
     let library_tests = effective_tests(fitter, &baseline, &standing, &library);
     let generic_tests = (0.6 * generic.candidates.len() as f64).max(1.0);
     let fitted = baseline.clone();

@@ -6,9 +6,8 @@ use crate::diagnose::data::ballbar::turned;
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::effects::ballbar_ways::{since_turn_deg, slope_mm, speeds_rad_s, z_ways};
-use crate::diagnose::effects::{
-    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, lagged, risen, words,
-};
+use crate::diagnose::effects::cycles::{CYCLE_WAVES, PURE_WAVE, cycle, cycle_mm, levels, pitches};
+use crate::diagnose::effects::{Library, Words, lagged, risen, words};
 use crate::diagnose::experiment::{Parameter, Untestable};
 use crate::fit::robust::range;
 
@@ -231,10 +230,18 @@ fn slide(l: &mut L, data: &Columns) {
         ),
         data.needs(&["z_mm"]),
     );
-    let pitches = [2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0];
+    let usual_mm = [2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 16.0, 20.0, 25.0, 32.0, 40.0];
+    let of_path = |path: usize| -> Vec<f64> {
+        data.rows_of(path).iter().filter_map(|row| data.get("z_mm").get(*row)).copied().collect()
+    };
+    let travels_mm = (0..data.series_names.len()).map(|path| range(&of_path(path)));
+    let travel_mm = travels_mm.map(|(low, high)| high - low).fold(0.0, f64::max);
+    let any = pitches(&levels(data.get("z_mm").to_vec(), 1e-3 * travel_mm), travel_mm);
     l.beforehand(PURE_WAVE);
     for waves in 1..=CYCLE_WAVES {
-        term(l, cycle(waves, 1e-3, &pitches), |data, p, row| {
+        let mut wave = cycle(waves, 1e-3, &usual_mm);
+        wave.iter_mut().filter(|p| !p.grid.is_empty()).for_each(|p| p.scan = any.clone());
+        term(l, wave, |data, p, row| {
             Vector3::new(0.0, 0.0, cycle_mm(p, data.get("z_mm")[row], f64::INFINITY))
         });
     }

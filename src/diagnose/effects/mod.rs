@@ -3,6 +3,7 @@
 pub mod ballbar;
 mod ballbar_ways;
 pub mod burn;
+mod cycles;
 pub mod rod;
 mod rod_camera;
 mod rod_slow;
@@ -16,9 +17,6 @@ mod thermal_ways;
 
 use std::collections::BTreeMap;
 
-use nalgebra::DMatrix;
-
-use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Active, EffectInfo, Parameter, Untestable};
 
 /// The names of all kinds' effects: one that stands here is another kind's, one that nearly does is misspelt.
@@ -116,55 +114,6 @@ fn words(
     best: &'static str,
 ) -> Words {
     Words { name, meaning, evidence, best, varies_with: &[] }
-}
-
-/// Waves in a turn of a screw: its error is seldom a pure one.
-const CYCLE_WAVES: usize = 2;
-/// What a cycle gets back of the price of having several forms, nats: its further wave pays by its parameters.
-const PURE_WAVE: f64 = std::f64::consts::LN_2;
-
-/// Parameters of an error that repeats with every turn of a screw.
-fn cycle(waves: usize, typical_mm: f64, pitches_mm: &[f64]) -> Vec<Parameter> {
-    let names = ["cos_mm", "sin_mm", "cos2_mm", "sin2_mm"];
-    let linear = names[..2 * waves].iter().map(|name| Parameter::linear(*name, typical_mm));
-    linear.chain([Parameter::shape("pitch_mm", pitches_mm)]).collect()
-}
-
-/// Different places along an axis, in order; nearer ones than `apart_mm` are one.
-fn levels(mut places_mm: Vec<f64>, apart_mm: f64) -> Vec<f64> {
-    places_mm.sort_by(f64::total_cmp);
-    places_mm.dedup_by(|next, kept| *next - *kept < apart_mm);
-    places_mm
-}
-
-/// Whether a cycle of such a pitch shows at these places: its cosine and sine beside a constant and a slope, in every phase.
-fn tells_cycle(places_mm: &[f64], pitch_mm: f64) -> bool {
-    /// Places that a constant, a slope and a cycle need at least.
-    const FEWEST: usize = 5;
-    /// Part of a full cycle's square that has to be left in its weakest phase.
-    const LEAST: f64 = 0.1;
-    let n = places_mm.len();
-    if n < FEWEST {
-        return false;
-    }
-    let turn = |row: usize| std::f64::consts::TAU * places_mm[row] / pitch_mm;
-    let line = DMatrix::from_fn(n, 2, |row, c| if c == 0 { 1.0 } else { places_mm[row] });
-    let basis = orthonormal(&line, 1e-9);
-    let wave = DMatrix::from_fn(n, 2, |r, c| if c == 0 { turn(r).cos() } else { turn(r).sin() });
-    let left = &wave - &basis * basis.tr_mul(&wave);
-    let squares = left.tr_mul(&left).symmetric_eigenvalues();
-    squares.min() > LEAST * 0.5 * n as f64
-}
-
-/// The error with such parameters at a place along the axis, mm. A pitch longer than `longest_mm` is not seen as a cycle.
-fn cycle_mm(p: &[f64], place_mm: f64, longest_mm: f64) -> f64 {
-    let (pitch_mm, waves) = (p[p.len() - 1].min(longest_mm), &p[..p.len() - 1]);
-    let turn = std::f64::consts::TAU * place_mm / pitch_mm;
-    let wave = |(k, w): (usize, &[f64])| {
-        let (s, c) = ((k + 1) as f64 * turn).sin_cos();
-        w[0] * c + w[1] * s
-    };
-    waves.chunks_exact(2).enumerate().map(wave).sum()
 }
 
 impl<C, E> Default for Library<C, E> {

@@ -7,10 +7,10 @@
 use nalgebra::Vector2;
 
 use crate::diagnose::data::rod::Rod;
-use crate::diagnose::effects::{
-    CYCLE_WAVES, Library, PURE_WAVE, Words, cycle, cycle_mm, levels, rod_camera, rod_slow,
-    tells_cycle, words,
+use crate::diagnose::effects::cycles::{
+    CYCLE_WAVES, PURE_WAVE, cycle, cycle_mm, levels, tells_cycle,
 };
+use crate::diagnose::effects::{Library, Words, rod_camera, rod_slow, words};
 use crate::diagnose::experiment::Parameter;
 
 /// Errors of one capture.
