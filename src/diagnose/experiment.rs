@@ -26,7 +26,7 @@ pub struct Parameter {
 pub struct Scan {
     /// The values.
     pub values: Vec<f64>,
-    /// Two values are one where they make less than half a turn of difference over so much.
+    /// Two values are one where they make less than a quarter of a turn of difference over so much.
     pub turns_over: f64,
     /// What one that is not on the grid costs: ln of how many independent ones are tried, nats.
     pub nats: f64,
@@ -91,7 +91,7 @@ impl Parameter {
 
     /// What a value costs that was found among many, nats: nothing where the grid has it.
     pub fn price_of(&self, value: f64) -> f64 {
-        let on_grid = |g: &f64| self.scan.turns_apart(value, *g) < 0.5;
+        let on_grid = |g: &f64| self.scan.turns_apart(value, *g) < 0.25;
         if self.grid.iter().any(on_grid) { 0.0 } else { self.scan.nats }
     }
 

@@ -59,11 +59,11 @@ pub(super) fn pitches(places_mm: &[f64], travel_mm: f64) -> Scan {
     /// Turns that make a bend a cycle.
     const FEWEST_TURNS: f64 = 3.0;
     /// Places in a turn, about.
-    const FEWEST_PLACES: f64 = 1.5;
-    /// Pitches for each turn more on the travel: halfway between two of them a wave keeps nine tenths of its square.
-    const FINENESS: f64 = 3.0;
-    /// Independent ones among them, about: what lies between two whole numbers of turns is neither's.
-    const INDEPENDENT: f64 = 2.0;
+    const FEWEST_PLACES: f64 = 1.0;
+    /// Pitches for each turn more on the travel: halfway between two of them a wave keeps four fifths of its square.
+    const FINENESS: f64 = 2.0;
+    /// Independent ones for each turn more: the highest peak of noise is as likely to be high as that of so many (Baluev 2008).
+    const INDEPENDENT: f64 = 4.0;
     let shortest_mm = (FEWEST_PLACES * travel_mm / places_mm.len().max(1) as f64).max(SHORTEST_MM);
     let longest_mm = (travel_mm / FEWEST_TURNS).min(LONGEST_MM);
     let turns = travel_mm / shortest_mm - travel_mm / longest_mm;
