@@ -59,5 +59,9 @@ fn ln_p(fitter: &Fitter, f: &Fitted, name: usize, scatter: &[(f64, f64)]) -> f64
         all += square;
     }
     let dof = if all > 0.0 { dof / all } else { 0.0 };
-    if dof < LEAST_SITES { f64::NEG_INFINITY } else { ln_f_tail(chi2 / rank, rank, dof) }
+    let active = &f.model.active[name];
+    let form = &fitter.experiment.effects()[active.effect].forms[active.form];
+    // What something unknown leaves has a peak at a usual value as easily as at any other that was looked through.
+    let searched: f64 = form.iter().map(|p| p.scan.nats).sum();
+    if dof < LEAST_SITES { f64::NEG_INFINITY } else { ln_f_tail(chi2 / rank, rank, dof) + searched }
 }
