@@ -250,8 +250,8 @@ fn strayed(ring: &Ring, outer: &Candidate, view: &View) -> bool {
     /// Of the radius.
     const FAR: f64 = 0.12;
     const WHOLE: f64 = 0.85;
-    let found_mm = outer.circle.radius * view.pixel_mm_at(outer.circle.center);
-    (ring.circle.radius / found_mm - 1.0).abs() > FAR && ring.arc_coverage < WHOLE
+    (ring.circle.radius / ring::in_plane(view, outer.circle).radius - 1.0).abs() > FAR
+        && ring.arc_coverage < WHOLE
 }
 
 /// Whether a ring is a lamp's reflection: it lies far behind the plate, so it is soft where the plate is in focus, and clips. A light

@@ -6,9 +6,10 @@ use serde::{Deserialize, Serialize};
 use crate::camera::{Calibration, View};
 use crate::error::{Error, Result, above_zero};
 use crate::find;
+use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
 use crate::measure::plane_errors::PlaneErrors;
-use crate::measure::ring::Ring;
+use crate::measure::ring::{self, Ring};
 use crate::measure::{CircleReport, best_channel, expected, round};
 use crate::uncertainty::distance;
 
@@ -245,9 +246,8 @@ fn clearest(look: &find::Look, view: &View) -> String {
     let named: Vec<String> = clear
         .take(MOST)
         .map(|c| {
-            let at = view.to_plane(c.circle.center);
-            let diameter_mm = 2.0 * c.circle.radius * view.pixel_mm_at(c.circle.center);
-            format!("{diameter_mm:.3} mm at ({:.2}, {:.2}) mm", at.x, at.y)
+            let Circle { center: at, radius } = ring::in_plane(view, c.circle);
+            format!("{:.3} mm at ({:.2}, {:.2}) mm", 2.0 * radius, at.x, at.y)
         })
         .collect();
     if named.is_empty() {

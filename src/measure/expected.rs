@@ -316,10 +316,10 @@ impl Picture<'_> {
         const ELSEWHERE: f64 = 0.5;
         /// As a part of the own score.
         const AS_CLEAR: f64 = 0.5;
-        let radius_px = ring.circle.radius / self.view.pixel_mm_at(ring.center_px);
-        let off = |c: &&Candidate| (c.circle.center - ring.center_px).norm() / radius_px;
+        let seen = ring.seen(self.view);
+        let off = |c: &&Candidate| (c.circle.center - seen.center).norm() / seen.radius;
         let alike = |c: &&Candidate| {
-            (c.circle.radius / radius_px - 1.0).abs() < AS_LARGE && c.step * ring.contrast > 0.0
+            (c.circle.radius / seen.radius - 1.0).abs() < AS_LARGE && c.step * ring.contrast > 0.0
         };
         let same = self.candidates.iter().filter(|c| alike(c) && off(c) < ELSEWHERE);
         let own = same.map(|c| c.score).fold(0.0, f64::max);
@@ -345,8 +345,6 @@ fn rivals(other: &Candidate, c: &Candidate) -> bool {
 /// The plane's circle and where its edge is to be looked for, clear of concentric neighbours.
 pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -> (Circle, Search) {
     let c = candidate.circle;
-    let center = view.to_plane(c.center);
-    let radius = c.radius * view.pixel_mm_at(c.center);
     let (mut inside, mut outside) = (0.9 * c.radius, 0.9 * c.radius);
     for o in others {
         let apart = o.circle.radius - c.radius;
@@ -371,5 +369,5 @@ pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -
         softness_px: candidate.softness_px.max(1.0),
         tinted: false,
     };
-    (Circle { center, radius }, search)
+    (ring::in_plane(view, c), search)
 }

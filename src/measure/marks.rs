@@ -233,11 +233,12 @@ impl<'a> Scene<'a> {
             let clear =
                 spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
             if let Some(spot) = inside.measure_likeliest(clear, outer) {
-                if self.is_light(&ring) {
+                // The light of a lone spot's surroundings falls off in a circle, too.
+                if find::is_fall_off(self.look, ring.seen(self.view)) {
                     return Attempt::Flawed(Flaw::Other);
                 }
                 if weaknesses(&ring, &spot) >= TOO_WEAK {
-                    return Attempt::TooWeak { spot: self.seen(&spot) };
+                    return Attempt::TooWeak { spot: spot.seen(self.view) };
                 }
                 if is_dot(&ring, &spot)
                     && let Some(dot) = spots.iter().min_by(|a, b| {
@@ -254,18 +255,6 @@ impl<'a> Scene<'a> {
             attempt = Attempt::UnclearSpot { dots };
         }
         attempt
-    }
-
-    /// A measured circle as it is seen in the picture, px.
-    fn seen(&self, circle: &Ring) -> Circle {
-        let radius = circle.circle.radius / self.view.pixel_mm_at(circle.center_px);
-        Circle { center: circle.center_px, radius }
-    }
-
-    /// Whether what was taken for the ring is where the light of a lone spot's surroundings falls off.
-    fn is_light(&self, ring: &Ring) -> bool {
-        let radius = ring.circle.radius / self.view.pixel_mm();
-        find::is_fall_off(self.look, Circle { center: ring.center_px, radius })
     }
 
     /// Whether a mark stands out from its surface, clear of what is a mark beside the ring `outer`.

@@ -82,7 +82,19 @@ pub struct Ring {
     pub residuals: Vec<(f64, f64)>,
 }
 
+/// A circle seen in the picture, px, in the plane, mm.
+pub(super) fn in_plane(view: &View, seen: Circle) -> Circle {
+    let radius = seen.radius * view.pixel_mm_at(seen.center);
+    Circle { center: view.to_plane(seen.center), radius }
+}
+
 impl Ring {
+    /// The circle as it is seen in the picture, px.
+    pub fn seen(&self, view: &View) -> Circle {
+        let radius = self.circle.radius / view.pixel_mm_at(self.center_px);
+        Circle { center: self.center_px, radius }
+    }
+
     /// The same for a mark whose edge is soft by itself: only as much blur as a lens in focus has is corrected. Which
     /// part of the softness is the lens', and where in it the mark ends, is not known: the radius is as uncertain.
     pub fn soft_by_itself(self) -> Self {

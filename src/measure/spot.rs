@@ -120,10 +120,6 @@ impl Inside<'_> {
             .map(|c| clear_px(&c.circle, &spot.circle, c.softness_px))
             .fold(f64::INFINITY, f64::min);
         let c = spot.circle;
-        let rough = Circle {
-            center: self.view.to_plane(c.center),
-            radius: c.radius * self.view.pixel_mm_at(c.center),
-        };
         let search = Search {
             reach_px: (3.0 * spot.scatter_px).clamp(3.0, 0.3 * c.radius + 3.0),
             inside_limit_px: 0.95 * c.radius,
@@ -132,7 +128,7 @@ impl Inside<'_> {
             // It lies on what is burnt already.
             tinted: false,
         };
-        (rough, search)
+        (ring::in_plane(self.view, c), search)
     }
 
     fn look(&self, spot: &Candidate, rough: Circle, search: Search) -> Option<Ring> {
@@ -169,10 +165,7 @@ impl Inside<'_> {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
-        let ring_px = Circle {
-            center: self.ring.center_px,
-            radius: ring.radius / self.view.pixel_mm_at(ring.center),
-        };
+        let ring_px = self.ring.seen(self.view);
         let is_rings_own = found.contrast * self.ring.contrast < 0.0
             && may_end(&found.circle, &ring, 0.0)
             && !ends_farther_out(self.edges, &ring_px, self.ring.contrast, size * ring_px.radius);
