@@ -209,6 +209,14 @@ impl Fitter<'_> {
         tangent
     }
 
+    /// Whether the baseline does by itself what a column does.
+    pub fn baseline_has(&self, model: &Model, column: &DVector<f64>) -> bool {
+        let bare = Model { nuisances: model.nuisances.clone(), ..self.baseline() };
+        let basis = orthonormal(&self.tangent(&bare, &self.predict(&bare)), 1e-9);
+        let left = column - &basis * basis.tr_mul(column);
+        left.norm() < 1e-3 * column.norm()
+    }
+
     /// Measured minus predicted.
     pub fn residual(&self, predicted: &[f64]) -> Vec<f64> {
         self.experiment.layout().values.iter().zip(predicted).map(|(m, p)| m - p).collect()

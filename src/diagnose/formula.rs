@@ -52,8 +52,9 @@ impl Term {
                 sum.add(values[0], &format!("exp(-0.5*({d}/{})^2)", number(width)));
             }
         }
-        // The constant that goes with the shape.
-        values[own..].iter().for_each(|constant| sum.add(*constant, "1"));
+        // The constant that goes with the shape, where the baseline has none.
+        let constants = values[own..].iter().filter(|constant| **constant != 0.0);
+        constants.for_each(|constant| sum.add(*constant, "1"));
         sum.text
     }
 }

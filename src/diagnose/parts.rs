@@ -62,7 +62,15 @@ pub fn add(fitter: &Fitter, model: &Model, who: &Who) -> Model {
             next
         }
         Who::Extra(kind @ Extra::Generic(term)) => {
-            with_extra(model, kind, term.columns(fitter.experiment.layout()))
+            let mut columns = term.columns(fitter.experiment.layout());
+            let own = term.own_columns(columns.ncols());
+            for mut constant in columns.column_iter_mut().skip(own) {
+                // Two of it would drift apart without end.
+                if fitter.baseline_has(model, &constant.clone_owned()) {
+                    constant.fill(0.0);
+                }
+            }
+            with_extra(model, kind, columns)
         }
         Who::Extra(Extra::Form { .. }) => model.clone(),
     }

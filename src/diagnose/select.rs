@@ -123,7 +123,8 @@ impl Selection {
             standing
                 .scores(fitter, f, &forms)
                 .into_iter()
-                .filter(|s| s.ln_p + form_tests < 1e-3_f64.ln()),
+                .filter(|s| s.ln_p + form_tests < 1e-3_f64.ln())
+                .filter(|s| self.bends(fitter, &terms[s.candidate].0, s)),
         );
         let rivals = self.worth_adding(fitter, rivals, &terms);
         if let Some(form) = form.filter(|form| self.is_form(fitter, form, &rivals)) {
@@ -222,6 +223,15 @@ impl Selection {
         });
         let generic = rivals.generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
         Rivals { library, generic }
+    }
+
+    /// Whether a correction is no more than the effect that it corrects.
+    fn bends(&self, fitter: &Fitter, correction: &Extra, score: &Score) -> bool {
+        let model = &self.fitted.model;
+        let mut own = (0..model.active.len()).filter(
+            |i| matches!(correction, Extra::Form { effect, .. } if *effect == model.active[*i].effect),
+        );
+        own.all(|i| score.chi2 <= part_chi2(fitter, &self.fitted, Part::Effect(i)))
     }
 
     /// Whether what is left is likelier a wrong form of a part than another one.
