@@ -23,8 +23,10 @@ pub struct Term {
 
 /// Values on either side of a step, where there are many.
 const STEP_BESIDE: usize = 3;
-/// Most cycles of a wave over the range of a variable, in halves, from two on: slower ones are polynomials.
+/// Cycles of a wave over the range of a variable, in halves: slower ones are polynomials.
 const WAVES: std::ops::RangeInclusive<u32> = 2..=12;
+/// The same over time: what goes on and off by itself does so all day.
+const WAVES_IN_TIME: std::ops::RangeInclusive<u32> = 2..=24;
 /// Least distinct values to a cycle of a wave.
 const VALUES_TO_A_CYCLE: f64 = 4.0;
 /// Highest order in either variable of a product.
@@ -240,8 +242,9 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
                 terms.push(Term { direction, variable, shape });
             }
             let most = distinct(&values).len() as f64 / VALUES_TO_A_CYCLE;
+            let cycles = if v.name == "t_s" { WAVES_IN_TIME } else { WAVES };
             let cycles =
-                WAVES.map(|k| 0.5 * f64::from(k)).filter(|c| !v.angle && !v.within && *c <= most);
+                cycles.map(|k| 0.5 * f64::from(k)).filter(|c| !v.angle && !v.within && *c <= most);
             let waves = cycles.map(Shape::Wave);
             terms.extend(waves.map(|shape| Term { direction, variable, shape }));
             if d.is_part {

@@ -157,12 +157,16 @@ fn lens(l: &mut L, data: &Rod) {
 
 fn light(l: &mut L) {
     l.effect(
-        words(
-            "edge-bias-light",
-            "the edge is seen further out where the light is stronger",
-            "the apparent radius against the place in the frame",
-            "the lamp turned by 180 degrees",
-        ),
+        Words {
+            // Light does not fall off in a straight line, nor does an edge go on following it.
+            varies_with: &["frame_u_mm", "frame_v_mm"],
+            ..words(
+                "edge-bias-light",
+                "the edge is seen further out where the light is stronger",
+                "the apparent radius against the place in the frame",
+                "the lamp turned by 180 degrees",
+            )
+        },
         None,
     );
     camera(l, &["u_um_per_mm", "v_um_per_mm"], 0.1, |c, p| {

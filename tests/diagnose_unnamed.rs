@@ -1,0 +1,106 @@
+//! Diagnosis of what has no name: it is told as a shape, takes no name in vain, and hides none.
+
+#[path = "common/diagnose.rs"]
+mod common;
+
+use std::fmt::Write as _;
+
+use common::{BAR, answer, class, normal, run};
+use nalgebra::{Matrix3, Vector3};
+use serde_json::Value;
+
+/// The answer to a sweep over B and C.
+fn sweep(csv: &str) -> Value {
+    answer("rtcp", &format!("{BAR}[target]\nposition_mm = [60.0, -15.0, 40.0]\n"), csv)
+}
+
+/// What happens at one of five angles, or beyond one of them, is no sum of tilts.
+#[test]
+fn five_angles_are_enough_for_a_step_and_a_bump() {
+    let step = |b: f64| if b > 20.0 { 0.015 } else { 0.0 };
+    let bump = |b: f64| if b == 45.0 { 0.01 } else { 0.0 };
+    let shapes: [(&dyn Fn(f64) -> f64, &str); 2] = [(&step, "step"), (&bump, "bump")];
+    let mut normal = normal();
+    for (hidden, shape) in shapes {
+        for again in 0..4 {
+            let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+            for k in 0..70 {
+                let (b, c) = (45.0 * f64::from(k % 5) - 90.0, f64::from(k / 5 % 7) * 47.0);
+                let mut noise = || 0.002 * normal();
+                let d = [noise(), hidden(b) + noise(), noise()];
+                writeln!(csv, "{b},{c},{:.6},{:.6},{:.6}", d[0], d[1], d[2]).unwrap();
+            }
+            let report = sweep(&csv);
+            assert_eq!(report["verdict"], "unknown", "{shape} {again}: {}", report["effects"]);
+            let told = &report["unnamed"][0];
+            assert_eq!((&told["output"], &told["versus"]), (&"dy_mm".into(), &"b_deg".into()));
+            assert!(told["shape"].as_str().unwrap().starts_with(shape), "{told}");
+        }
+    }
+}
+
+/// What goes on and off by itself eight to ten times in a run has no name.
+#[test]
+fn what_comes_and_goes_with_time_is_no_name() {
+    let mut normal = normal();
+    for times in [8.2, 9.0, 9.7, 10.4] {
+        let mut csv = String::from("b_deg,c_deg,t_s,dx_mm,dy_mm,dz_mm\n");
+        for k in 0..156 {
+            let (b, c) = (30.0 * f64::from(k % 7) - 90.0, f64::from(k / 7) * 16.0);
+            let on = (times * f64::from(k) / 156.0).fract() < 0.35;
+            let mut noise = || 0.002 * normal();
+            let d = [noise() + if on { 0.0055 } else { 0.0 }, noise(), noise()];
+            writeln!(csv, "{b},{c},{},{:.6},{:.6},{:.6}", 20 * k, d[0], d[1], d[2]).unwrap();
+        }
+        let report = sweep(&csv);
+        assert_eq!(report["verdict"], "unknown", "{times}: {}", report["effects"]);
+        let told = &report["unnamed"][0];
+        assert_eq!((&told["output"], &told["versus"]), (&"dx_mm".into(), &"t_s".into()));
+    }
+}
+
+/// A rod that grows as nothing in the library does hides no lens behind the two ways of saying how large it is.
+#[test]
+fn a_lens_is_named_beside_a_rod_that_grows_in_a_way_without_a_name() {
+    const CALIB: &str = "schema = 1\nname = \"lens\"\n[camera]\nwidth_px = 1600\nheight_px = 1200\nfx_px = 3200\nfy_px = 3200\n\
+                         cx_px = 799.5\ncy_px = 599.5\ndistortion = [-0.015, 0, 0, 0, 0]\n[plane]\n\
+                         homography_mm = [[28, 0.1, 0], [0.1, -28, 0], [-0.004, -0.003, 1]]\n";
+    let to_plane = [[28.0, 0.1, 0.0], [0.1, -28.0, 0.0], [-0.004, -0.003, 1.0]];
+    let to_image = Matrix3::from_fn(|r, c| to_plane[r][c]).try_inverse().unwrap();
+    let mut normal = normal();
+    for again in 0..3 {
+        let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,u_px,v_px\n");
+        for k in 0..36_u32 {
+            let (i, t) = (f64::from(k * 7 % 36), 40.0 * f64::from(k));
+            let grown = 0.007 * (5.5 * (t / 1400.0 - 1.0)).exp();
+            let (sin, cos) = (10.0 * i).to_radians().sin_cos();
+            let camera = [1.7 * cos + 0.5 * (2.0 * i).sin(), 1.7 * sin + 0.5 * (3.0 * i).cos()];
+            for p in 0..30 {
+                let (sin, cos) = (10.0 * i + 11.0 * f64::from(p)).to_radians().sin_cos();
+                let r = 3.4 + grown + 0.001 * normal();
+                let seen = to_image * Vector3::new(r * cos - camera[0], r * sin - camera[1], 1.0);
+                let (x, y) = (seen.x / seen.z, seen.y / seen.z);
+                let (p1, p2) = (0.0012, -0.0008);
+                let square = x * x + y * y;
+                let radial = 1.0 - 0.015 * square;
+                let x2 = x * radial + 2.0 * p1 * x * y + p2 * (square + 2.0 * x * x);
+                let y2 = y * radial + p1 * (square + 2.0 * y * y) + 2.0 * p2 * x * y;
+                let (u, v) = (3200.0 * x2 + 799.5, 3200.0 * y2 + 599.5);
+                let c = 45.0 * f64::from(k % 8);
+                writeln!(csv, "{k},{:.4},{:.4},{c},{t},{u:.3},{v:.3}", camera[0], camera[1])
+                    .unwrap();
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("calib.toml"), CALIB).unwrap();
+        std::fs::write(folder.path().join("data.csv"), csv).unwrap();
+        let files = ["diagnose", "rod", "--calib", "calib.toml", "--data", "data.csv"];
+        let output = run(&[&files[..], &["--format", "json"]].concat(), folder.path());
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["verdict"], "partly", "{again}: {report:#}");
+        assert_eq!(class(&report), ["lens-decentring"], "{}", report["effects"]);
+        let unnamed = &report["unnamed"][0];
+        assert_eq!(unnamed["output"], "radius", "{unnamed}");
+        assert!(!unnamed["formula"].as_str().unwrap().contains("*1"), "{unnamed}");
+    }
+}
