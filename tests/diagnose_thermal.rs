@@ -284,3 +284,31 @@ fn rows_of_one_time_may_stand_in_any_order() {
     assert_eq!(written, named(&rows));
     assert!(written.2.contains("heating-hysteresis"), "{written:?}");
 }
+
+/// A screw that is warmed and cooled twice, and an error that lags behind in a loop: an ellipse, or the two parabolas of friction in many
+/// places. It is closed where the screw turns, so that no jump tells of it.
+#[test]
+fn a_loop_that_is_closed_at_its_ends_is_a_hysteresis() {
+    for power in [0.5, 1.0] {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+        let mut rise = 0.0_f64;
+        for k in 0..60 {
+            let t = 300.0 * f64::from(k);
+            let (tends, way) = if (k / 15) % 2 == 0 { (8.4, 1.0) } else { (-0.4, -1.0) };
+            let head = 7.0 * (1.0 - (-t / 4000.0).exp());
+            let open = way * (rise * (8.0 - rise) / 16.0).powf(power);
+            for place in [0.0, 200.0, 400.0, 600.0] {
+                let error = 0.003 * head + 9e-6 * rise * place + 0.006 * open + 0.001 * normal();
+                writeln!(csv, "{t},x,{place},{error:.6},{:.3},{head:.3}", 20.5 + rise).unwrap();
+            }
+            rise = (rise + (tends - rise) * (1.0 - (-300.0_f64 / 1500.0).exp())).clamp(0.0, 8.0);
+        }
+        let report = answer("thermal", BAR, &csv);
+        let effects = report["effects"].as_array().unwrap();
+        assert_eq!((effects.len(), &report["verdict"]), (1, &"named".into()), "{effects:#?}");
+        assert_eq!(effects[0]["name"], "heating-hysteresis");
+        let half_width = effects[0]["parameters"]["loop_half_width_mm"].as_f64();
+        assert!((half_width.unwrap() - 0.006).abs() < 6e-4, "{effects:#?}");
+    }
+}

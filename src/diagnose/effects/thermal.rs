@@ -6,8 +6,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::effects::thermal_columns::{
-    Column, above_zero, ambient_from, heating, metres, metres_from, middle, risen, rises, softly,
-    times,
+    Column, above_zero, ambient_from, heating, metres, metres_from, middle, midway, risen, rises,
+    softly, times,
 };
 use crate::diagnose::effects::thermal_sensors::{dead_sensor, first_gone_s, gone, hats, missed};
 use crate::diagnose::effects::thermal_ways::{goes, went};
@@ -256,6 +256,19 @@ fn heating_hysteresis(l: &mut L, data: &Columns, axes: &[String]) {
                 [times(&warm, &metres(data)), warm][..count].to_vec()
             });
         }
+    }
+    // A loop that is closed where the screw turns: an ellipse, as a lag makes, or the parabolas of friction in many places (Rayleigh).
+    let closed = |data: &Columns, power: f64| {
+        let open = midway(data).iter().map(|m| m.powf(power.abs())).collect::<Column>();
+        let loops = times(&goes(data), &open);
+        vec![times(&loops, &metres(data)), loops]
+    };
+    let both = [one("loop_half_width_per_m", 0.01), one("loop_half_width_mm", 0.01)];
+    for kept in [0..1, 1..2, 0..2] {
+        let shape = Some(("loop_power", &[0.5, 1.0][..]));
+        form(l, axes, &both[kept.clone()], shape, move |data, power| {
+            closed(data, power)[kept.clone()].to_vec()
+        });
     }
     form(l, axes, &[one("rate_mm_h_per_c", 0.01)], None, |data, _| {
         vec![heating(data).iter().map(|rate| rate * 3.6).collect()]

@@ -53,6 +53,15 @@ pub fn above_zero(data: &Columns) -> Vec<f64> {
     screw.map(|(c, axis)| c - data.t0_c[*axis]).collect()
 }
 
+/// How far each row's screw is from either end of what it goes through: 0 where it is coldest or hottest, 1 midway.
+pub fn midway(data: &Columns) -> Vec<f64> {
+    of_each_screw(data, |_, screw_c| {
+        let (low, high) = range(screw_c);
+        let half = (0.5 * (high - low)).max(1e-9);
+        screw_c.iter().map(|c| ((c - low) * (high - c)).max(0.0) / (half * half)).collect()
+    })
+}
+
 /// Position of each row in metres.
 pub fn metres(data: &Columns) -> Vec<f64> {
     data.get("position_mm").iter().map(|p| p / 1000.0).collect()
