@@ -312,3 +312,58 @@ fn a_loop_that_is_closed_at_its_ends_is_a_hysteresis() {
         assert!((half_width.unwrap() - 0.006).abs() < 6e-4, "{effects:#?}");
     }
 }
+
+/// One of two head sensors reads the same from the first row on. Where its part of the head grows it is among the names of what is
+/// missing; where nothing is connected to it nothing is said but a warning.
+#[test]
+fn a_sensor_that_never_read_anything_may_be_dead() {
+    for part_mm_per_c in [0.004, 0.0] {
+        let mut normal = normal();
+        let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+        let (mut fast, mut slow) = (0.0, 0.0);
+        for k in 0..60 {
+            let t = 300.0 * f64::from(k);
+            let heated = if (k / 15) % 2 == 0 { 9.0 } else { 1.0 };
+            for place in [0.0, 200.0, 400.0, 600.0] {
+                let error = 0.002 * fast + part_mm_per_c * slow + 0.001 * normal();
+                writeln!(csv, "{t},x,{place},{error:.6},21.0,{fast:.3},20.000").unwrap();
+            }
+            fast += (heated - fast) * (1.0 - (-300.0_f64 / 900.0).exp());
+            slow += (heated - slow) * (1.0 - (-300.0_f64 / 3000.0).exp());
+        }
+        let report = answer("thermal", BAR, &csv);
+        assert!(report["warnings"].to_string().contains("head_2_c never changes"), "{report:#}");
+        if part_mm_per_c == 0.0 {
+            assert_eq!(report["verdict"], "consistent", "{report:#}");
+        } else {
+            assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+            assert!(class(&report).contains(&"sensor-dead"), "{report:#}");
+        }
+    }
+}
+
+/// A sensor that stops before it has shown how it follows the other: what it misses goes with the other in part at once and in part
+/// late, as a lag of the head does; but it was seen to stop.
+#[test]
+fn a_sensor_that_stops_early_would_have_followed_the_other() {
+    let mut normal = normal();
+    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+    let (mut fast, mut slow, mut read) = (0.0, 0.0, 0.0);
+    for (k, heated) in [9.0, 2.0, 6.0, 0.0, 8.0, 1.0].into_iter().enumerate() {
+        for step in 12 * k..12 * (k + 1) {
+            if step < 6 {
+                read = slow;
+            }
+            for place in [0.0, 300.0] {
+                let (t, error) = (300 * step, 0.002 * fast + 0.006 * slow + 0.001 * normal());
+                writeln!(csv, "{t},x,{place},{error:.6},21.0,{fast:.2},{read:.2}").unwrap();
+            }
+            fast += (heated - fast) * (1.0 - (-300.0_f64 / 900.0).exp());
+            slow += (heated - slow) * (1.0 - (-300.0_f64 / 2500.0).exp());
+        }
+    }
+    let report = answer("thermal", BAR, &csv);
+    let effects = report["effects"].as_array().unwrap();
+    assert_eq!((effects.len(), &report["verdict"]), (1, &"named".into()), "{effects:#?}");
+    assert_eq!(effects[0]["name"], "sensor-dead", "{effects:#?}");
+}

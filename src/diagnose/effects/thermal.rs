@@ -9,18 +9,18 @@ use crate::diagnose::effects::thermal_columns::{
     Column, above_zero, ambient_from, heating, metres, metres_from, middle, midway, risen, rises,
     softly, times,
 };
-use crate::diagnose::effects::thermal_sensors::{dead_sensor, first_gone_s, gone, hats, missed};
+use crate::diagnose::effects::thermal_sensors::dead;
 use crate::diagnose::effects::thermal_ways::{goes, went};
 use crate::diagnose::effects::{Library, Words, held, lagged, words};
 use crate::diagnose::experiment::Parameter;
 
-type L = Library<Columns, Vector3<f64>>;
+pub(super) type L = Library<Columns, Vector3<f64>>;
 /// A first-order lag: times, values, lag.
 type Lag = fn(&[f64], &[f64], f64) -> Column;
 
 /// Adds a form with an amount for each of the columns, one with such amounts for each axis, and one of each axis alone. `shape` is a
 /// parameter that is not linear.
-fn form(
+pub(super) fn form(
     l: &mut L,
     axes: &[String],
     amounts: &[(String, f64)],
@@ -90,7 +90,7 @@ pub fn library(data: &Columns) -> L {
 }
 
 /// A name with a typical size.
-fn one(name: impl Into<String>, typical: f64) -> (String, f64) {
+pub(super) fn one(name: impl Into<String>, typical: f64) -> (String, f64) {
     (name.into(), typical)
 }
 
@@ -340,46 +340,4 @@ fn slow(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
     form(l, axes, &[one("mm", 0.01)], Some(("rise_s", &rises_s)), |data, rise_s| {
         vec![risen(data, data.times_s().0, rise_s)]
     });
-}
-
-fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
-    /// Places in time between which what the dead sensor should have read goes straight.
-    const KNOTS: [usize; 3] = [6, 10, 20];
-    /// A sensor seen to stop is likelier to be what is missing than anything not seen, nats.
-    const DEAD_BEFOREHAND: f64 = 5.0;
-    let sensor = dead_sensor(data);
-    let alive = sensor.is_none().then(|| "no head sensor is seen to stop".into());
-    let dead = words(
-        "sensor-dead",
-        "a head sensor has stopped: its share of the growth is missing",
-        "as the other sensors and time, from the moment on",
-        "look at the sensor's column: it no longer changes",
-    );
-    l.effect(Words { varies_with: &["t_s"], ..dead }, alive);
-    let Some(k) = sensor else { return };
-    l.beforehand(DEAD_BEFOREHAND);
-    form(l, axes, &[one("offset_mm", 0.01)], None, move |data, _| vec![gone(data, k)]);
-    if missed(data, k).is_some() {
-        form(l, axes, &[one("missed_mm_per_c", 1e-3)], None, move |data, _| {
-            vec![missed(data, k).unwrap_or_default()]
-        });
-    }
-    // It would have gone on to another level.
-    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), move |data, rise_s| {
-        let gone = gone(data, k);
-        vec![times(&gone, &risen(data, first_gone_s(data, &gone), rise_s))]
-    });
-    // The dead sensor would have followed the others, or gone its own way.
-    for other in (0..data.head_c.len()).filter(|o| *o != k) {
-        let name = format!("follows_{}_mm_per_c", other + 1);
-        form(l, axes, &[one(name, 1e-3)], None, move |data, _| {
-            let apart = data.head_c[other].iter().zip(&data.head_c[k]).map(|(a, b)| a - b);
-            vec![times(&gone(data, k), &apart.collect::<Column>())]
-        });
-    }
-    for count in KNOTS {
-        let knots: Vec<_> =
-            (1..=count).map(|i| one(format!("knot_{i}_of_{count}_mm"), 0.01)).collect();
-        form(l, axes, &knots, None, move |data, _| hats(data, k, count));
-    }
 }

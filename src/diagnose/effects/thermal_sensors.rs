@@ -3,9 +3,98 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::data::columns::Columns;
-use crate::diagnose::effects::thermal_columns::Column;
-use crate::diagnose::effects::{in_time, lagged};
+use crate::diagnose::effects::thermal::{L, form, one};
+use crate::diagnose::effects::thermal_columns::{Column, risen, times};
+use crate::diagnose::effects::{Words, in_time, lagged, words};
 use crate::fit::robust::range;
+
+/// Adds what a head sensor that stands still leaves out.
+pub fn dead(l: &mut L, data: &Columns, axes: &[String], lags: &[f64]) {
+    /// A sensor seen to stop is likelier to be what is missing than anything not seen, nats.
+    const DEAD_BEFOREHAND: f64 = 5.0;
+    let stopped = dead_sensor(data);
+    let still = stopped.or_else(|| still_sensor(data));
+    let alive = still.is_none().then(|| "no head sensor is seen to stop".into());
+    let dead = words(
+        "sensor-dead",
+        "a head sensor stands still: its share of the growth is missing",
+        "as the other sensors and time, from the moment on",
+        "look at the sensor's column: it no longer changes",
+    );
+    l.effect(Words { varies_with: &["t_s"], ..dead }, alive);
+    if stopped.is_some() {
+        l.beforehand(DEAD_BEFOREHAND);
+    }
+    let Some(k) = still else { return };
+    // It would have gone on to another level.
+    form(l, axes, &[one("mm", 0.01)], Some(("rise_s", lags)), move |data, rise_s| {
+        let gone = gone(data, k);
+        vec![times(&gone, &risen(data, first_gone_s(data, &gone), rise_s))]
+    });
+    for other in (0..data.head_c.len()).filter(|o| *o != k) {
+        as_another(l, axes, lags, [k, other], stopped.is_some());
+    }
+    if stopped.is_some() {
+        since_it_stopped(l, data, axes, k);
+    }
+}
+
+/// The sensor would have followed another that the same heat warms, late: what it misses of that at once is the other's own, unless
+/// it once read. Where it then stopped at a reading that was none, it misses as much from then on.
+fn as_another(l: &mut L, axes: &[String], lags: &[f64], [k, other]: [usize; 2], stopped: bool) {
+    let named = |how: &str| one(format!("{how}_{}_mm_per_c", other + 1), 1e-3);
+    let amounts = [named("late"), named("at_once"), one("level_mm", 0.01)];
+    for count in if stopped { 2..=3 } else { 1..=1 } {
+        form(l, axes, &amounts[..count], Some(("lag_s", lags)), move |data, lag_s| {
+            let (gone, read) = (gone(data, k), &data.head_c[other]);
+            let late = lagged(data.get("t_s"), read, lag_s.abs().max(1e-3));
+            [since(data, &gone, &late), since(data, &gone, read), gone][..count].to_vec()
+        });
+    }
+}
+
+/// How a column has changed since the first of those rows that are 1; zero before.
+fn since(data: &Columns, gone: &[f64], column: &[f64]) -> Column {
+    let first = in_time(data.get("t_s")).into_iter().find(|row| gone[*row] > 0.0);
+    let from = first.map_or(0.0, |row| column[row]);
+    column.iter().zip(gone).map(|(c, gone)| gone * (c - from)).collect()
+}
+
+/// What a sensor misses from when on it no longer changes.
+fn since_it_stopped(l: &mut L, data: &Columns, axes: &[String], k: usize) {
+    /// Places in time between which what it should have read goes straight.
+    const KNOTS: [usize; 3] = [6, 10, 20];
+    form(l, axes, &[one("offset_mm", 0.01)], None, move |data, _| vec![gone(data, k)]);
+    if missed(data, k).is_some() {
+        form(l, axes, &[one("missed_mm_per_c", 1e-3)], None, move |data, _| {
+            vec![missed(data, k).unwrap_or_default()]
+        });
+    }
+    // It would have followed the others, or gone its own way.
+    for other in (0..data.head_c.len()).filter(|o| *o != k) {
+        let name = format!("follows_{}_mm_per_c", other + 1);
+        form(l, axes, &[one(name, 1e-3)], None, move |data, _| {
+            let apart = data.head_c[other].iter().zip(&data.head_c[k]).map(|(a, b)| a - b);
+            vec![times(&gone(data, k), &apart.collect::<Column>())]
+        });
+    }
+    for count in KNOTS {
+        let knots: Vec<_> =
+            (1..=count).map(|i| one(format!("knot_{i}_of_{count}_mm"), 0.01)).collect();
+        form(l, axes, &knots, None, move |data, _| hats(data, k, count));
+    }
+}
+
+/// A sensor that never changes while another goes by degrees: it may never have read anything, or nothing may be connected to it.
+fn still_sensor(data: &Columns) -> Option<usize> {
+    const GOES_C: f64 = 2.0;
+    let change = |read: &Column| {
+        let (low, high) = range(read);
+        high - low
+    };
+    let goes = data.head_c.iter().any(|read| change(read) > GOES_C);
+    data.head_c.iter().position(|read| change(read) == 0.0).filter(|_| goes)
+}
 
 /// The sensor whose reading stops changing first, for at least a tenth of the rows, while others or the screw go on or in the midst of a
 /// change. One that never changed at all has not stopped, nor has one that has come to rest where it began.
