@@ -108,11 +108,14 @@ fn refine(followed: &Followed, angles: usize, options: &Options) -> Result<Refin
     let Followed { arcs, robust, bow, view, .. } = followed;
     let is_nominal = |radius: f64| options.is_nominal(2.0 * radius);
     joint::refine(arcs, angles, robust, (bow, view), is_nominal).ok_or_else(|| {
-        Error::measure(
-            "captures",
-            "the arcs do not determine a circle",
-            "take captures all round the rim",
-        )
+        let alone = |angle: &usize| arcs.iter().filter(|arc| arc.angle == *angle).count() < 2;
+        let fix = match (0..angles).filter(alone).count() {
+            0 => "take captures all round the rim".to_owned(),
+            n => format!(
+                "{n} of {angles} table angles show the rim in one capture only: take several at each, all round it"
+            ),
+        };
+        Error::measure("captures", "the arcs do not determine a circle", fix)
     })
 }
 
