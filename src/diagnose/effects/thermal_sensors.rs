@@ -55,8 +55,7 @@ fn as_another(l: &mut L, axes: &[String], lags: &[f64], [k, other]: [usize; 2], 
 
 /// How a column has changed since the first of those rows that are 1; zero before.
 fn since(data: &Columns, gone: &[f64], column: &[f64]) -> Column {
-    let first = in_time(data.get("t_s")).into_iter().find(|row| gone[*row] > 0.0);
-    let from = first.map_or(0.0, |row| column[row]);
+    let from = first_gone(data, gone).map_or(0.0, |row| column[row]);
     column.iter().zip(gone).map(|(c, gone)| gone * (c - from)).collect()
 }
 
@@ -154,7 +153,7 @@ fn stops_short(data: &Columns, sensor: usize, gone: &[f64]) -> bool {
 }
 
 /// 1 from when on a sensor's reading no longer changes, 0 before.
-pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
+fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
     let (order, column) = (in_time(data.get("t_s")), &data.head_c[sensor]);
     let last = order.last().map_or(0.0, |row| column[*row]);
     let changes = order.iter().rposition(|row| column[*row] != last);
@@ -165,7 +164,7 @@ pub fn gone(data: &Columns, sensor: usize) -> Vec<f64> {
 
 /// What a sensor that has stopped misses, as the others and their past tell: how it followed them before says how it would have
 /// gone on. `None` where there is no other, or too little of its own.
-pub fn missed(data: &Columns, sensor: usize) -> Option<Column> {
+fn missed(data: &Columns, sensor: usize) -> Option<Column> {
     /// Parts of the run by which it may come after the others.
     const LATER: [f64; 3] = [0.02, 0.08, 0.2];
     /// What the others do not tell of it apart is shared.
@@ -196,14 +195,19 @@ pub fn missed(data: &Columns, sensor: usize) -> Option<Column> {
     Some((0..column.len()).map(|row| gone[row] * (would(row) - column[row])).collect())
 }
 
-/// Time of the first row of those that are 1.
-pub fn first_gone_s(data: &Columns, gone: &[f64]) -> f64 {
-    let since = data.get("t_s").iter().zip(gone).filter(|(_, g)| **g > 0.0);
-    since.map(|(t, _)| *t).fold(f64::INFINITY, f64::min)
+/// The first row, in time, of those that are 1.
+fn first_gone(data: &Columns, gone: &[f64]) -> Option<usize> {
+    let t = data.get("t_s");
+    (0..gone.len()).filter(|row| gone[*row] > 0.0).min_by(|a, b| t[*a].total_cmp(&t[*b]))
+}
+
+/// Its time.
+fn first_gone_s(data: &Columns, gone: &[f64]) -> f64 {
+    first_gone(data, gone).map_or(f64::INFINITY, |row| data.get("t_s")[row])
 }
 
 /// `count` hat functions of time between a sensor's last change and the end.
-pub fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
+fn hats(data: &Columns, sensor: usize, count: usize) -> Vec<Vec<f64>> {
     let t = data.get("t_s");
     let gone = gone(data, sensor);
     let from = first_gone_s(data, &gone);
