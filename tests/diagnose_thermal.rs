@@ -367,3 +367,32 @@ fn a_sensor_that_stops_early_would_have_followed_the_other() {
     assert_eq!((effects.len(), &report["verdict"]), (1, &"named".into()), "{effects:#?}");
     assert_eq!(effects[0]["name"], "sensor-dead", "{effects:#?}");
 }
+
+/// Two axes in one warm-up and cooling down: an error in the cold state, and on one of them a curved slope, which with another zero of
+/// the screws would pass for both.
+#[test]
+fn two_effects_are_no_other_zero_of_the_screws() {
+    let mut normal = normal();
+    let mut csv = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c,head_2_c\n");
+    for k in 0..24 {
+        let t = 400.0 * f64::from(k);
+        let cycle = |after: f64| {
+            (1.0 - (-t.min(8000.0) / after).exp()) * (-(t - 8000.0).max(0.0) / after).exp()
+        };
+        let (h1, h2, rise) = (9.0 * cycle(1500.0), 5.0 * cycle(4000.0), 6.0 * cycle(3000.0));
+        for (axis, cold, slope, curved) in [("x", 22.0, 1e-5, 0.0), ("z", 23.0, 8e-6, 1e-6)] {
+            for place in [0.0, 150.0, 300.0] {
+                let screw = (slope * rise + curved * rise * rise) * place;
+                let error = 0.004 * h1 - 0.002 * h2 + screw + 0.012 + 0.001 * normal();
+                let screw = cold + rise;
+                writeln!(csv, "{t},{axis},{place},{error:.6},{screw:.3},{h1:.3},{h2:.3}").unwrap();
+            }
+        }
+    }
+    let report = answer("thermal", BAR, &csv);
+    let effects = report["effects"].as_array().unwrap();
+    let mut names: Vec<_> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
+    names.sort_unstable();
+    assert_eq!(names, ["head-constant", "screw-nonlinear"], "{effects:#?}");
+    assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+}

@@ -36,9 +36,12 @@ enum Cold {
 /// How much less likely than a named effect it is beforehand that T₀ is none of the usual ones, twice in nats.
 const FREE_BEFOREHAND: f64 = 6.0;
 
+/// Most effects beside which a baseline is chosen.
+const MOST_EFFECTS: usize = 2;
+
 impl Baseline {
-    /// The likeliest by the Bayesian information criterion, with or without any one effect, which would else be made up for by another
-    /// T₀: coefficients that are not needed, or a T₀ that is free, would hide effects. Slipped readings have no say: one of them could
+    /// The likeliest by the Bayesian information criterion, with or without any one or two effects, which would else be made up for by
+    /// another T₀: coefficients that are not needed, or a T₀ that is free, would hide effects. Slipped readings have no say: one of them could
     /// make any of these the likeliest.
     pub fn of(data: &Columns, error_mm: &[f64]) -> Self {
         let mut kept: Vec<usize> = (0..error_mm.len()).collect();
@@ -59,7 +62,7 @@ impl Baseline {
         }
     }
 
-    /// The criterion with none of the effects or with the one for which it is least, and what that leaves.
+    /// The criterion with none of the effects or with those one by one that make it least, and what they leave.
     fn criterion(
         &self,
         mut columns: DMatrix<f64>,
@@ -72,26 +75,31 @@ impl Baseline {
         if matches!(self.cold, Cold::Free) {
             columns = with_free_t0(data, columns, kept, y);
         }
-        let basis = orthonormal(&columns.select_rows(kept), 1e-9);
-        let beside = y - &basis * basis.tr_mul(y);
+        let mut basis = orthonormal(&columns.select_rows(kept), 1e-9);
+        let mut left = y - &basis * basis.tr_mul(y);
         // Another T₀ than the usual one is a choice like a coefficient more.
-        let chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
+        let mut chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
         let choice = 2.0 * (effects.len().max(1) as f64).ln();
         let free = if matches!(self.cold, Cold::Free) { choice + FREE_BEFOREHAND } else { 0.0 };
         let of = |left: &DVector<f64>, coefficients: usize| {
             let least = (1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE);
             rows * left.norm_squared().max(least).ln() + coefficients as f64 * rows.ln() + free
         };
-        let mut best = (of(&beside, chosen), beside.clone());
-        for (effect, shapes) in effects {
-            let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
-            let left = &beside - &own * own.tr_mul(&beside);
-            let value = of(&left, chosen + own.ncols() + shapes) + choice;
-            if value < best.0 {
-                best = (value, left);
-            }
+        let mut best = of(&left, chosen);
+        for more in 1..=MOST_EFFECTS {
+            let with = |(effect, shapes): &(DMatrix<f64>, usize)| {
+                let own = orthonormal(&(effect - &basis * basis.tr_mul(effect)), 1e-6);
+                let (left, chosen) =
+                    (&left - &own * own.tr_mul(&left), chosen + own.ncols() + shapes);
+                (of(&left, chosen) + more as f64 * choice, own, left, chosen)
+            };
+            let next = effects.iter().map(with).min_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((value, own, rest, count)) = next.filter(|next| next.0 < best) else { break };
+            let columns: Vec<_> = basis.column_iter().chain(own.column_iter()).collect();
+            basis = DMatrix::from_columns(&columns);
+            (best, left, chosen) = (value, rest, count);
         }
-        best
+        (best, left)
     }
 
     /// T₀ of each axis.
