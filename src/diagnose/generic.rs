@@ -40,11 +40,31 @@ const CAPTURES_TO_A_LEVEL: usize = 2;
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
     pub fn columns(&self, layout: &Layout) -> DMatrix<f64> {
-        let (x, seen) = (&layout.variables[self.variable].values, self.seen(layout));
         let along = &layout.directions[self.direction].factors;
-        let column = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
-            x.iter().zip(along).map(|(x, a)| if *a == 0.0 { 0.0 } else { a * f(*x) }).collect()
+        let all: Vec<usize> = (0..along.len()).collect();
+        let mut columns = self.values_at(layout, &all);
+        for mut column in columns.column_iter_mut() {
+            let moved = column.iter_mut().zip(along);
+            moved.for_each(|(v, a)| *v = if *a == 0.0 { 0.0 } else { a * *v });
+        }
+        columns
+    }
+
+    /// Whether one value stands for all observations of a capture.
+    pub fn is_by_capture(&self, layout: &Layout) -> bool {
+        let within = |v: usize| layout.variables[v].within;
+        !within(self.variable)
+            && !matches!(self.shape, Shape::Surface(v) | Shape::Product(v, ..) if within(v))
+    }
+
+    /// What the columns are at some observations, along a direction of factor 1: all of them, or one of every capture.
+    pub fn values_at(&self, layout: &Layout, observations: &[usize]) -> DMatrix<f64> {
+        let at = |v: usize| -> Vec<f64> {
+            let values = &layout.variables[v].values;
+            observations.iter().map(|i| values[*i]).collect()
         };
+        let (x, seen) = (at(self.variable), self.seen(layout));
+        let column = |f: &dyn Fn(f64) -> f64| -> Vec<f64> { x.iter().map(|x| f(*x)).collect() };
         let mut columns = match self.shape {
             Shape::Harmonic(k) => {
                 let k = f64::from(k);
@@ -73,14 +93,14 @@ impl Term {
             }
             Shape::Surface(other) | Shape::Product(other, ..) => {
                 let (v, w) = (&layout.variables[self.variable], &layout.variables[other]);
-                let values = |v: &Variable, functions: Vec<Basis>| -> Vec<Vec<f64>> {
-                    functions.into_iter().map(|f| f.values(&v.values)).collect()
+                let values = |x: &[f64], functions: Vec<Basis>| -> Vec<Vec<f64>> {
+                    functions.into_iter().map(|f| f.values(x)).collect()
                 };
                 let (a, b) = self.shape.factors(v, w);
-                let (a, b) = (values(v, a), values(w, b));
+                let (a, b) = (values(&x, a), values(&at(other), b));
                 let both = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
                 let product = |(a, b): (&Vec<f64>, &Vec<f64>)| -> Vec<f64> {
-                    (0..x.len()).map(|i| along[i] * a[i] * b[i]).collect()
+                    a.iter().zip(b).map(|(a, b)| a * b).collect()
                 };
                 // The first of all is the constant, which comes last.
                 both.skip(usize::from(self.shape.has_constant())).map(product).collect()
@@ -98,7 +118,7 @@ impl Term {
         };
         if self.shape.has_constant() {
             // The shape's mean belongs to it: a library effect must not be called in to make up for it.
-            columns.push(along.clone());
+            columns.push(vec![1.0; x.len()]);
         }
         DMatrix::from_fn(x.len(), columns.len(), |i, c| columns[c][i])
     }

@@ -3,6 +3,7 @@
 //! Within a capture V = σ² (I + Z D Zᵀ). Every column is first rotated into the span of Z and its complement, so that
 //! a change of D touches only a few rows per capture.
 
+mod captures;
 mod estimate;
 mod serial;
 
@@ -13,6 +14,8 @@ use nalgebra::{DMatrix, DVectorView};
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Layout;
+pub(super) use crate::diagnose::noise::captures::NO_REMAINDER;
+use crate::diagnose::noise::captures::Shared;
 use crate::diagnose::noise::serial::Serial;
 use crate::diagnose::rim::{MEMORY_DEG, Rim, Whitener};
 use crate::fit::least_squares::transposed_times;
@@ -36,6 +39,8 @@ pub struct Space {
     keep: Vec<bool>,
     /// Component of each random column.
     components: Vec<usize>,
+    /// Of each direction that lies in what captures share, its part in each of them.
+    shared: Vec<Option<Shared>>,
     /// What all captures share, with its whitening at the ratios it was last asked for.
     rim: Option<Rim>,
     whitener: RefCell<Option<(Vec<f64>, Rc<Whitener>)>>,
@@ -73,15 +78,19 @@ impl Space {
                 Group { rows, q, r }
             })
             .collect();
-        Self {
+        let mut space = Self {
             groups,
             classes: layout.classes.clone(),
             keep: keep.to_vec(),
             components,
+            shared: Vec::new(),
             rim: None,
             whitener: RefCell::default(),
             serial: None,
-        }
+        };
+        space.shared =
+            (0..layout.directions.len()).map(|d| Shared::of(&space, layout, d)).collect();
+        space
     }
 
     /// The space in which the errors of neighbours have this correlation.
@@ -256,16 +265,6 @@ impl Space {
         out
     }
 
-    /// Whitens the captures' own parts, in units of the independent noise.
-    fn whiten_captures(&self, top: &mut DMatrix<f64>, noise: &Noise) {
-        let (d, columns) = (self.random_count(), top.ncols());
-        for (g, group) in self.groups.iter().enumerate().filter(|_| d > 0) {
-            let Some(l) = self.factor(group, noise) else { continue };
-            let mut block = top.view_mut((g * d, 0), (group.q.ncols(), columns));
-            l.solve_lower_triangular_mut(&mut block);
-        }
-    }
-
     /// ln of the determinant of the noise's covariance.
     pub fn ln_det(&self, noise: &Noise) -> f64 {
         let kept = self.classes.iter().zip(&self.keep).filter(|(_, keep)| **keep);
@@ -289,27 +288,18 @@ impl Space {
         rest
     }
 
-    /// Lower Cholesky factor of I + R D Rᵀ.
-    fn factor(&self, group: &Group, noise: &Noise) -> Option<DMatrix<f64>> {
-        let k = group.q.ncols();
-        let mut m = DMatrix::identity(k, k);
-        for (c, &component) in self.components.iter().enumerate() {
-            let r = group.r.column(c);
-            m += r * r.transpose() * noise.ratios[component];
-        }
-        m.cholesky().map(|c| c.l())
-    }
-
     /// How much of a whitened column lies in each random component, then in the complement of each class, whose squares are
     /// given (none for a column without a complement).
     pub fn shares(&self, top: DVectorView<f64>, rest: &[f64]) -> Vec<f64> {
         let (d, components) = (self.random_count(), self.component_count());
-        let captures = self.capture_rows();
         let mut shares = vec![0.0; components + self.class_count()];
-        for (i, v) in top.iter().enumerate() {
-            let component = if i < captures { self.components[i % d] } else { components - 1 };
-            shares[component] += v * v;
+        let (captures, rim) = top.as_slice().split_at(self.capture_rows());
+        for capture in captures.chunks_exact(d.max(1)) {
+            for (v, &component) in capture.iter().zip(&self.components) {
+                shares[component] += v * v;
+            }
         }
+        rim.iter().for_each(|v| shares[components - 1] += v * v);
         shares[components..].iter_mut().zip(rest).for_each(|(share, square)| *share = *square);
         let total: f64 = shares.iter().sum::<f64>().max(1e-300);
         shares.iter().map(|s| s / total).collect()

@@ -146,7 +146,7 @@ pub fn without(fitter: &Fitter, f: &Fitted, gone: &[Part]) -> (Standing, Option<
         [Part::Extra(i)] => f.model.extras[i].kind.clone(),
         _ => Extra::Form { effect: usize::MAX, variable: 0 },
     };
-    let mut pool = Pool::of_terms(fitter, vec![(kind, block)]);
+    let mut pool = Pool::of_extras(fitter, vec![(kind, block)]);
     pool.candidates[0].shape_parameters = shape_parameters;
     pool.candidates[0].free = free;
     pool.candidates[0].choice = choices;

@@ -7,6 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use crate::diagnose::experiment::{Active, Parameter, size_columns};
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::generic::{Term, dictionary};
+use crate::diagnose::noise::NO_REMAINDER;
 use crate::diagnose::shape::Shape;
 use crate::fit::least_squares::transposed_times;
 
@@ -160,30 +161,45 @@ fn class_squares(columns: &DMatrix<f64>, classes: &[usize]) -> Vec<DMatrix<f64>>
         .collect()
 }
 
+/// A candidate with the number of places of its shape and its columns.
+type Entry = (Who, usize, DMatrix<f64>);
+
 /// Candidates whose columns are rotated together.
 const BATCH: usize = 64;
 
+/// Splits columns; of those without a remainder only what captures share is kept.
+fn split(fitter: &Fitter, entries: Vec<Entry>) -> Vec<Entry> {
+    let top = fitter.space.top();
+    let mut all = Vec::new();
+    let mut entries = entries.into_iter().peekable();
+    while entries.peek().is_some() {
+        // Many columns at a time: matrix products are faster by far than as many products with vectors.
+        let batch: Vec<Entry> = entries.by_ref().take(BATCH).collect();
+        let columns: Vec<_> = batch.iter().flat_map(|(_, _, b)| b.column_iter()).collect();
+        if columns.is_empty() {
+            continue;
+        }
+        let split = fitter.space.split(&DMatrix::from_columns(&columns));
+        let mut at = 0;
+        for (who, shapes, block) in batch {
+            let own = split.columns(at, block.ncols());
+            at += block.ncols();
+            let rest = own.rows(top, block.nrows()).norm();
+            let within = top == 0 || rest > NO_REMAINDER * own.norm();
+            let rows = if within { own.nrows() } else { top };
+            all.push((who, shapes, own.rows(0, rows).into_owned()));
+        }
+    }
+    all
+}
+
 impl Pool {
-    fn new(fitter: &Fitter, entries: Vec<(Who, usize, DMatrix<f64>)>) -> Self {
+    /// Of split columns: those of the capture-level rows alone have no others.
+    fn of_split(fitter: &Fitter, entries: Vec<Entry>) -> Self {
         let top_rows = fitter.space.top();
-        let mut sides: [Vec<(Who, usize, DMatrix<f64>)>; 2] = [Vec::new(), Vec::new()];
-        let mut entries = entries.into_iter().peekable();
-        while entries.peek().is_some() {
-            // Many columns at a time: matrix products are faster by far than as many products with vectors.
-            let batch: Vec<_> = entries.by_ref().take(BATCH).collect();
-            let columns: Vec<_> = batch.iter().flat_map(|(_, _, b)| b.column_iter()).collect();
-            if columns.is_empty() {
-                continue;
-            }
-            let split = fitter.space.split(&DMatrix::from_columns(&columns));
-            let mut at = 0;
-            for (who, shapes, block) in &batch {
-                let own = split.columns(at, block.ncols()).into_owned();
-                at += block.ncols();
-                let rest = own.rows(top_rows, block.nrows()).norm();
-                let within = top_rows == 0 || rest > 1e-9 * own.norm();
-                sides[usize::from(within)].push((who.clone(), *shapes, own));
-            }
+        let mut sides: [Vec<Entry>; 2] = [Vec::new(), Vec::new()];
+        for entry in entries {
+            sides[usize::from(entry.2.nrows() > top_rows)].push(entry);
         }
         let rest_from = sides[0].iter().map(|(_, _, s)| s.ncols()).sum();
         let count: usize = sides.iter().flatten().map(|(_, _, s)| s.ncols()).sum();
@@ -251,7 +267,7 @@ impl Pool {
             let shapes = form.iter().filter(|p| !p.grid.is_empty() && !p.is_switch()).count();
             (Who::Effect(active), shapes, block)
         };
-        Self::new(fitter, all.into_iter().map(entry).collect())
+        Self::of_split(fitter, split(fitter, all.into_iter().map(entry).collect()))
     }
 
     /// The generic dictionary; without free functions and steps of the rim's
@@ -264,26 +280,36 @@ impl Pool {
             let sharp = |s: Shape| s.is_free() || matches!(s, Shape::Step(_));
             terms.retain(|t| !(sharp(t.shape) && of_rim(t)));
         }
-        Self::of_terms(
-            fitter,
-            terms.into_iter().map(|t| (Extra::Generic(t), t.columns(layout))).collect(),
-        )
+        Self::of_terms(fitter, terms)
     }
 
-    /// A pool of extra terms.
-    pub fn of_terms(fitter: &Fitter, terms: Vec<(Extra, DMatrix<f64>)>) -> Self {
-        let entries = terms
-            .into_iter()
-            .map(|(kind, block)| {
-                // A step or bump is chosen from many places: its place counts as fitted.
-                let shape_parameters = match kind {
-                    Extra::Generic(Term { shape, .. }) => shape.places(),
-                    Extra::Form { .. } => 0,
-                };
-                (Who::Extra(kind), shape_parameters, block)
-            })
-            .collect();
-        Self::new(fitter, entries)
+    /// A pool of shapes.
+    pub fn of_terms(fitter: &Fitter, terms: Vec<Term>) -> Self {
+        let layout = fitter.experiment.layout();
+        let (mut shared, mut others) = (Vec::new(), Vec::new());
+        for term in terms {
+            // A step or bump is chosen from many places: its place counts as fitted.
+            let (who, places) = (Who::Extra(Extra::Generic(term)), term.shape.places());
+            match fitter.space.split_shared(&term, layout) {
+                Some(top) => shared.push((who, places, top)),
+                None => others.push((who, places, term.columns(layout))),
+            }
+        }
+        shared.extend(split(fitter, others));
+        Self::of_split(fitter, shared)
+    }
+
+    /// A pool of extra terms by their columns.
+    pub fn of_extras(fitter: &Fitter, extras: Vec<(Extra, DMatrix<f64>)>) -> Self {
+        let places = |kind: &Extra| match kind {
+            Extra::Generic(term) => term.shape.places(),
+            Extra::Form { .. } => 0,
+        };
+        let entry = |(kind, block)| {
+            let places = places(&kind);
+            (Who::Extra(kind), places, block)
+        };
+        Self::of_split(fitter, split(fitter, extras.into_iter().map(entry).collect()))
     }
 
     pub(super) fn project<'a>(

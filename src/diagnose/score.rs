@@ -1,5 +1,7 @@
 //! Score tests: how much of the gap each candidate explains after the model so far has been projected out.
 
+use std::cell::OnceCell;
+
 use nalgebra::{DMatrix, DVector};
 use rand::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -151,14 +153,16 @@ impl Standing {
         let gram = x.gram();
         let groups = fitter.experiment.layout().group_count().max(2) as f64;
         let columns = |c: &Candidate| c.first..c.first + c.count;
+        let dof_of = |i: usize| self.dof_of(fitter, &x, i, &pool.candidates[i]);
+        let known = vec![OnceCell::new(); pool.candidates.len()];
+        let dof = |i: usize| *known[i].get_or_init(|| dof_of(i));
         pairs
             .filter_map(|(i, j)| {
                 let (a, b) = (&pool.candidates[i], &pool.candidates[j]);
                 let both: Vec<usize> = columns(a).chain(columns(b)).collect();
                 let (chi2, rank) = gram_chi2(&gram, &along, &both);
                 let price = 0.5 * (rank + a.shape_parameters + b.shape_parameters) as f64;
-                let dof = self.dof_of(fitter, &x, i, a).min(self.dof_of(fitter, &x, j, b));
-                let dof = dof.max(rank as f64 + 1.0);
+                let dof = dof(i).min(dof(j)).max(rank as f64 + 1.0);
                 let gain = 0.5 * self.likelihood_gain2(dof, chi2) - price * groups.ln();
                 let score = self.score(fitter, fitted, i, dof, (chi2, rank));
                 let score = Score { evidence: gain - a.choice - b.choice, ..score };

@@ -117,7 +117,7 @@ impl Selection {
             return self.addition(fitter, rivals);
         }
         let terms = self.form_terms(fitter);
-        let forms = Pool::of_terms(fitter, terms.clone());
+        let forms = Pool::of_extras(fitter, terms.clone());
         let form_tests = (forms.candidates.len() as f64).max(1.0).ln();
         let form = best(
             standing
@@ -328,9 +328,7 @@ impl Selection {
             .map(|(_, placed)| placed);
         // One kind after the other: long sweeps have many places.
         let refined = kinds.filter_map(|(t, ln_p)| {
-            let around = t.around(layout).into_iter();
-            let terms = around.map(|t| (Extra::Generic(t), t.columns(layout))).collect();
-            let finer = Pool::of_terms(fitter, terms);
+            let finer = Pool::of_terms(fitter, t.around(layout));
             let s = best(standing.scores(fitter, f, &finer))?;
             // A better place says where, not whether: p is that of the dictionary's own place, one of the tests counted.
             Some((finer.candidates[s.candidate].who.clone(), Score { ln_p, ..s }))
