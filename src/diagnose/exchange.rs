@@ -6,7 +6,7 @@ use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
 use crate::diagnose::pool::Who;
 use crate::diagnose::score::{AS_MUCH, Score, Standing};
-use crate::diagnose::select::{Selection, library_bonus};
+use crate::diagnose::select::{LEAST_CHI2, Selection, library_bonus};
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.
 const SECOND_NAME: f64 = 3.0;
@@ -183,10 +183,12 @@ impl Selection {
     pub(super) fn drop_weak(&mut self, fitter: &Fitter) {
         for _ in 0..4 {
             let f = &self.fitted;
+            let shapes = f.model.extras.iter().any(|e| e.is_shape());
             let weakest = parts(&f.model)
                 .into_iter()
                 .filter_map(|p| {
-                    let ln_p = without(fitter, f, &[p]).1.map_or(0.0, |s| s.ln_p);
+                    let score = without(fitter, f, &[p]).1;
+                    let ln_p = score.as_ref().map_or(0.0, |s| s.ln_p);
                     let tests = match p {
                         Part::Effect(_) => self.library_tests,
                         Part::Extra(i) => match f.model.extras[i].kind {
@@ -194,7 +196,11 @@ impl Selection {
                             Extra::Form { .. } => 1.0,
                         },
                     };
-                    let weak = ln_p + tests.ln() > 0.02_f64.ln();
+                    // Beside a shape a name must be as much as one that would be added to it.
+                    let small = shapes
+                        && matches!(p, Part::Effect(_))
+                        && score.is_some_and(|s| s.cleared_excess() < LEAST_CHI2);
+                    let weak = small || ln_p + tests.ln() > 0.02_f64.ln();
                     weak.then_some((ln_p, p))
                 })
                 .max_by(|a, b| a.0.total_cmp(&b.0));

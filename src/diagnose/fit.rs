@@ -296,9 +296,14 @@ impl Fitter<'_> {
             self.whiten(&column, noise).column(0).into_owned()
         };
         let template = first.model.clone();
+        // The columns of extra terms stay what they are.
+        let extras: usize = template.extras.iter().map(|e| e.values.len()).sum();
+        let varying = start.len() - extras;
+        let constant = first.tangent.columns(varying, extras).into_owned();
+        let constant = -self.whiten(&constant, noise);
         // A tangent costs a prediction a parameter: the last one asked for, which is the solution's, is kept with its place.
         let last = RefCell::new((start.clone(), first));
-        let kept = &last;
+        let (kept, constant) = (&last, &constant);
         let solution = least_squares::solve(start, options, |p| {
             let place = p.clone();
             let trial = (kept.borrow().0 != place).then(|| {
@@ -315,7 +320,11 @@ impl Fitter<'_> {
                     let tangent = self.tangent(&model, &predicted);
                     kept.replace((place, Linear { model, residual, tangent }));
                 }
-                -self.whiten(&kept.borrow().1.tangent, noise)
+                let varies = kept.borrow().1.tangent.columns(0, varying).into_owned();
+                let mut jacobian =
+                    -self.whiten(&varies, noise).resize_horizontally(varying + extras, 0.0);
+                jacobian.columns_mut(varying, extras).copy_from(constant);
+                jacobian
             };
             (white, jacobian)
         });

@@ -54,7 +54,11 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
     if model.active.is_empty() {
         suspected.extend(far_from_likeliest_name(&first.fitter, &first.selection));
     }
-    for suspects in suspected.into_iter().filter(|s| !s.is_empty() && few_of(s, layout)) {
+    for mut suspects in suspected.into_iter().filter(|s| !s.is_empty() && few_of(s, layout)) {
+        suspects.sort_unstable();
+        if suspects == first.outliers {
+            continue;
+        }
         let second = settle(experiment, given_mm, suspects, 0.0);
         if second.ln_evidence() > first.ln_evidence() + CLEARLY {
             first = second;

@@ -22,7 +22,7 @@ const NAME_BEFOREHAND: f64 = 2.6;
 /// Share of the explained variance that a further effect must have (a tenth of the gap).
 const LEAST_SHARE: f64 = 0.01;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
-const LEAST_CHI2: f64 = 30.0;
+pub(super) const LEAST_CHI2: f64 = 30.0;
 /// Steps, bumps and waves of the dictionary, the best of each in a variable and output, whose place is searched more finely; beyond
 /// these, steps between captures alone.
 const PLACES_REFINED: usize = 8;
