@@ -54,9 +54,21 @@ impl Solution {
     }
 }
 
-/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use.
+/// aᵀ b; a large product goes through the blocked kernel, which nalgebra's `tr_mul` does not use, and its products of few rows neither.
 pub fn transposed_times(a: &DMatrix<f64>, b: &DMatrix<f64>) -> DMatrix<f64> {
-    if a.ncols().min(b.ncols()) > 5 { a.transpose() * b } else { a.tr_mul(b) }
+    /// From so many rows and columns on nalgebra's products are blocked.
+    const BLOCKED: usize = 6;
+    /// So many columns are worth rows of zeros.
+    const MANY: usize = 32;
+    let few = a.ncols();
+    if few.min(b.ncols()) >= BLOCKED {
+        a.transpose() * b
+    } else if few > 1 && b.ncols() >= MANY {
+        let product = a.transpose().resize_vertically(BLOCKED, 0.0) * b;
+        product.rows(0, few).into_owned()
+    } else {
+        a.tr_mul(b)
+    }
 }
 
 /// Minimises |r(p)|² from `start`. `model` returns residuals and what makes their Jacobian, both already divided by the
