@@ -4,7 +4,8 @@ use nalgebra::Vector2;
 
 use crate::camera::View;
 use crate::edge::{
-    Band, Contour, Light, LocateOptions, Located, Profiles, Slope, flatten, hide, locate, scan,
+    Band, Contour, Light, LocateOptions, Located, Lost, Profiles, Slope, flatten, hide, locate,
+    scan,
 };
 use crate::fit::Circle;
 use crate::frame::Frame;
@@ -80,6 +81,8 @@ pub struct Points {
     pub clipped_inside: bool,
     /// Whether light clips what is outside.
     pub clipped_outside: bool,
+    /// Share of the usable points beside which light clips the picture, on the flank or on the level it rises to.
+    pub clipped: f64,
     /// Whether the edge was told from its flank alone, as a clip hides the rest.
     pub of_flank: bool,
     /// The light's slope as the levels inside the edge tell it, and those outside.
@@ -165,6 +168,16 @@ fn located(
     }
 }
 
+/// Share of the usable edges at which light clips the picture within a few softnesses: there it hides a part of the flank or of the level, and
+/// more of it where the light is stronger.
+fn clipped(edges: &Located, lost: &Lost) -> f64 {
+    const SOFTNESSES: f64 = 3.0;
+    let within_px = SOFTNESSES * edges.step.softness_px;
+    let usable = || edges.points.iter().filter(|e| e.usable);
+    let clipped = usable().filter(|e| lost.near(e.angle_rad, e.distance_px, within_px)).count();
+    clipped as f64 / usable().count().max(1) as f64
+}
+
 /// The edge points about a rough circle. `None` where no edge can be located there. `light` is the light's slope, where it is known (0 for
 /// none): a closed contour tells it by itself.
 pub(super) fn edge_points(
@@ -187,6 +200,7 @@ pub(super) fn edge_points(
     let factor = (softness * effort.joined).floor().clamp(1.0, 8.0) as usize;
     let mut profiles = scan(frame, factor, &contour, band);
     let clip = profiles.clip();
+    let lost = Lost::of(&profiles);
     // Of a flank that goes on behind a clip the light's slope is in the sectors' gains. Only a lens's flank is known to be symmetric.
     let flanks = if softness < SHARP_PX { hide(&profiles) } else { None };
     let of_flanks = flanks.and_then(|flanks| located(flanks, &contour, effort, search.tinted));
@@ -215,6 +229,7 @@ pub(super) fn edge_points(
         clip,
         clipped_inside: clip.is_some_and(|c| edges.step.inner > 0.97 * f64::from(c)),
         clipped_outside: clip.is_some_and(|c| edges.step.outer > 0.97 * f64::from(c)),
+        clipped: clipped(&edges, &lost),
         of_flank,
         light: sides,
         located: edges,
