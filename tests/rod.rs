@@ -138,8 +138,9 @@ fn exact_positions_show_no_scatter_and_one_slip_is_named_and_left_out() {
     assert_eq!(exact.position_scatter_mm, 0.0, "{exact:#?}");
     for slip_mm in [0.05, 0.5, 2.0] {
         let report = rod.displaced(|i| Vector2::new(if i == 1 { slip_mm } else { 0.0 }, 0.0));
-        let named = report.warnings.iter().any(|w| w.contains("rod-0001-02.png: left out"));
-        assert!(named, "{slip_mm}: {:?}", report.warnings);
+        let told = report.warnings.iter().find(|w| w.contains("rod-0001-02.png: left out"));
+        let told = told.unwrap_or_else(|| panic!("{slip_mm}: {:?}", report.warnings));
+        assert!(slip_mm < 2.0 || told.contains("its x_mm were +2.0"), "{slip_mm}: {told}");
         assert_eq!(report.captures[1].edge_points, 0);
         for k in 0..2 {
             let error = (report.rod_centers[0].center_mm[k] - rod.center_mm[k]).abs();
@@ -194,6 +195,8 @@ fn an_angle_of_which_one_capture_alone_shows_the_rim_is_refused_by_name() {
     let refused = rod::measure_frames(&rod.captures, &rod.frames, &Options::default());
     let why = refused.map(|m| m.report.diameter_mm).unwrap_err().to_string();
     assert!(why.contains("C = 90°") && why.contains("only one of the 2"), "{why}");
+    let names = format!("{} does, not {}", rod.captures[last - 1].image, rod.captures[last].image);
+    assert!(why.contains(&names), "{why}");
 }
 
 /// A chamfer that is hardly lighter than the table hides the rim's edge in every single capture, beside its own strong one; what most captures have
@@ -318,6 +321,54 @@ fn a_narrow_chamfer_of_an_eccentric_rod_is_not_the_rim() {
         let off_mm = report.diameter_mm - 2.0 * radius_px * MM_PER_PX;
         assert!(off_mm.abs() < 0.001, "{} mm, off by {off_mm} mm", report.diameter_mm);
     }
+}
+
+/// Of two captures at one of four table angles the other angles tell which is right; where none is left of an angle, the other three tell
+/// the axis.
+#[test]
+fn a_capture_that_one_of_four_angles_shows_elsewhere_is_left_out_by_name() {
+    const MM_PER_PX: f64 = 0.0075;
+    let radius_px = 1000.0;
+    let ways = (0..8).map(|k| (90.0 * f64::from(k % 4), 17.0 + 45.0 * f64::from(k)));
+    let ways: Vec<_> = ways.collect();
+    let (mut captures, mut frames) = turning(&ways, MM_PER_PX, radius_px, |from_px, _| {
+        60.0 + 110.0 * 0.5 * libm::erfc((from_px.norm() - radius_px) / 2.0)
+    });
+    captures[0].position_mm.y += 10.0;
+    for angles in [4, 3] {
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        let told = report.warnings.iter().find(|w| w.starts_with("capture 0: left out"));
+        assert!(told.is_some_and(|w| w.contains("y_mm +10.00 mm")), "{:?}", report.warnings);
+        assert_eq!(report.rod_centers.len(), angles);
+        let off_mm = Vector2::from(report.axis_center_mm) - Vector2::from(AXIS_MM);
+        for (off, u95) in off_mm.iter().zip(report.axis_center_u95_mm) {
+            assert!(off.abs() < 1.5 * u95 && u95 < 0.005, "{angles}: {off} ± {u95}");
+        }
+        captures.remove(4);
+        frames.remove(4);
+    }
+}
+
+/// Light that clips a part of the rim moves its edge there, and is told by the picture's name.
+#[test]
+fn light_clipped_at_the_rim_is_told() {
+    const RADIUS_PX: f64 = 1000.0;
+    let (captures, mut frames) = eccentric(0.0075, RADIUS_PX, |from_px, _| {
+        60.0 + 110.0 * 0.5 * libm::erfc((from_px.norm() - RADIUS_PX) / 2.0)
+    });
+    let mut told = || {
+        let report = rod::measure_frames(&captures, &frames, &Options::default()).unwrap().report;
+        // The light grows across the picture, and clips where it is a third brighter.
+        let Frame::Eight(gray) = &mut frames[2].0 else { panic!("eight bits a pixel") };
+        let width = gray.width;
+        for (i, value) in gray.data.iter_mut().enumerate() {
+            let light = 1.3 + 0.6 * (i % width) as f64 / width as f64;
+            *value = (light * f64::from(*value)).min(255.0) as u8;
+        }
+        report.warnings.into_iter().find(|w| w.contains("light clips"))
+    };
+    assert_eq!(told(), None);
+    assert!(told().is_some_and(|w| w.starts_with("capture 2: ")));
 }
 
 /// At several table angles the others of its angle follow a slip of a few hundredths: it is told by how well all agree without it.

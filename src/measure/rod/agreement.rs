@@ -1,6 +1,6 @@
 //! How well the captures agree on one circle: edge points, places and form.
 
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::Vector2;
 
 use super::axis::Axis;
 use super::joint::{Arc, Joint, Refined};
@@ -13,9 +13,6 @@ use crate::fit::robust::scatter;
 pub(super) const DISAGREEMENT_MM: f64 = 0.01;
 /// A turned rim wanders by less than this; edges of two circles taken together wander by more.
 pub(super) const RAGGED_MM: f64 = 0.006;
-/// Share of a capture's edge that one of each table angle's must have on the circle, and another of several.
-const LEAST_SEEN: f64 = 0.35;
-const LEAST_SECOND: f64 = 0.2;
 /// No machine misplaces a rod's centre by this much: the centre is another edge's, where it is this many times what it may be.
 const ASTRAY_MM: f64 = 0.03;
 const FAR_ASTRAY: f64 = 4.0;
@@ -69,36 +66,6 @@ pub(super) fn none_near(nominal_mm: f64, found: &Report) -> Error {
     )
 }
 
-/// Refuses a table angle whose captures show hardly any edge on the common circle, or of whose captures one alone does: its centre
-/// would be made of what is left, and the one may show the chamfer. `angle_of` has each capture's index in `c_deg`.
-pub(super) fn angles_seen(
-    captures: &[CaptureReport],
-    angle_of: &[usize],
-    c_deg: &[f64],
-) -> Result<()> {
-    for (angle, c_deg) in c_deg.iter().enumerate() {
-        let own = captures.iter().zip(angle_of).filter(|(_, a)| **a == angle);
-        let shares: Vec<f64> = own.map(|(capture, _)| capture.arc_used).collect();
-        let most = shares.iter().copied().fold(0.0, f64::max);
-        let trouble = if most < LEAST_SEEN {
-            format!(
-                "hardly any of their edges lies on the rod's circle ({:.0} % at most)",
-                100.0 * most
-            )
-        } else if shares.len() > 1 && shares.iter().filter(|s| **s > LEAST_SECOND).count() == 1 {
-            format!("only one of the {} shows the rim where the rod's circle is", shares.len())
-        } else {
-            continue;
-        };
-        return Err(Error::measure(
-            format!("the captures at C = {c_deg}°"),
-            trouble,
-            "add captures at this angle that show the rim clearly, or leave these out",
-        ));
-    }
-    Ok(())
-}
-
 /// Refuses centres that do not turn with the table: an arc whose chamfer was taken for its rim lies on the rod's circle too, about
 /// another centre. `excess` is by how much they miss what their uncertainties allow.
 pub(super) fn turn_together(
@@ -108,10 +75,10 @@ pub(super) fn turn_together(
     c_deg: &[f64],
     c_sense: f64,
 ) -> Result<()> {
-    let misses = centers.iter().zip(c_deg).map(|(center, c_deg)| {
-        let turn = Rotation2::new((c_sense * c_deg).to_radians());
-        ((center - axis.known.pair(0) - turn * axis.known.pair(2)).norm(), c_deg)
-    });
+    let misses = centers
+        .iter()
+        .zip(c_deg)
+        .map(|(center, c_deg)| ((center - axis.center(*c_deg, c_sense)).norm(), c_deg));
     let worst = misses.max_by(|a, b| a.0.total_cmp(&b.0));
     match worst {
         Some((miss_mm, c_deg)) if miss_mm > ASTRAY_MM && excess > FAR_ASTRAY => {
@@ -131,24 +98,11 @@ pub(super) fn turn_together(
 /// Says so where captures lie elsewhere than the machine says, or the rim is ragged.
 pub(super) fn places_and_form(
     refined: &Refined,
+    arcs: &[Arc],
     captures: &[CaptureReport],
     options: &Options,
     warnings: &mut Vec<String>,
 ) {
-    for c in captures.iter().filter(|c| c.edge_points == 0) {
-        let what = if c.residual_rms_mm > 0.0 {
-            let (mean_mm, rms_mm) = (c.residual_mean_mm.abs(), c.residual_rms_mm);
-            format!(
-                "its edge misses the rim of the other captures, by {mean_mm:.4} mm in the mean and {rms_mm:.4} mm rms"
-            )
-        } else {
-            "its rim is not where the other captures put it".to_owned()
-        };
-        warnings.push(format!(
-            "{}: left out: {what}: check the picture, its x_mm, y_mm and c_deg",
-            c.image
-        ));
-    }
     for c in captures.iter().filter(|c| c.edge_points > 0 && c.arc_used < HARDLY_USED) {
         warnings.push(format!(
             "{}: only {:.0} % of its edge lies where the other captures put the rim: check the picture, its x_mm, y_mm and c_deg",
@@ -164,14 +118,17 @@ pub(super) fn places_and_form(
             if by > 0.0 { "large" } else { "small" }
         ));
     }
+    let clipped = clipped(arcs, captures);
+    let light = if clipped.is_some() { "clipped light, " } else { "" };
     let scatter_mm = refined.position_scatter_mm();
     if 1.0 - refined.fit.displaced < IN_PLACE && scatter_mm > SCATTER_MM {
         warnings.push(format!(
             "the captures disagree as if the machine's positions scattered by {scatter_mm:.4} mm (standard deviation): \
-             backlash, drift, an angle, the calibration or the lens may be the cause (`diagnose rod` tells which); the uncertainties \
+             {light}backlash, drift, an angle, the calibration or the lens may be the cause (`diagnose rod` tells which); the uncertainties \
              take it for chance"
         ));
     }
+    warnings.extend(clipped);
     let form_mm = refined.form_mm;
     if form_mm > RAGGED_MM && options.diameter_mm.is_none() {
         warnings.push(format!(
@@ -179,6 +136,23 @@ pub(super) fn places_and_form(
              overlays whether the chamfer's edge was taken for the rim, or give --diameter-mm"
         ));
     }
+}
+
+/// A word on captures whose light is clipped beside some of the rim: there the edge seems to lie towards the darker side.
+fn clipped(arcs: &[Arc], captures: &[CaptureReport]) -> Option<String> {
+    /// Share of a capture's edge that its captures' names are told from on, and how many names.
+    const LEAST: f64 = 0.1;
+    const NAMED: usize = 4;
+    let clipped = arcs.iter().filter(|arc| arc.points.clipped > LEAST);
+    let images: Vec<&str> = clipped.map(|arc| captures[arc.capture].image.as_str()).collect();
+    let more = match images.len().saturating_sub(NAMED) {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    let names = images.iter().take(NAMED).copied().collect::<Vec<_>>().join(", ");
+    (!images.is_empty()).then(|| {
+        format!("{names}{more}: light clips the picture beside the rim's edge: where that is is less sure; expose less")
+    })
 }
 
 /// Every edge point against its common circle, and what that makes of the captures.

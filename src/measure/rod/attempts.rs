@@ -6,10 +6,11 @@ use rayon::prelude::*;
 use crate::camera::View;
 use crate::fit::Circle;
 use crate::frame::Frame;
+use crate::measure::rod::astray;
 use crate::measure::rod::beside;
 use crate::measure::rod::outer::{self, Captures, Found};
 use crate::measure::rod::seek::{self, Voter};
-use crate::measure::rod::{Capture, Report};
+use crate::measure::rod::{Capture, Measured};
 
 /// Circles at two table angles that differ by more are not those of one rod.
 const ONE_ROD_MM: f64 = 0.05;
@@ -73,17 +74,35 @@ impl<'a> Attempts<'a> {
     }
 
     /// The rim just outside a circle that was measured. `None` where there is none, or the nominal diameter says which is meant.
-    pub(super) fn just_outside(&self, measured: &Report) -> Option<Found> {
-        let centers = measured.rod_centers.iter().map(|c| Vector2::from(c.center_mm)).collect();
-        let radius_mm = 0.5 * measured.diameter_mm;
+    pub(super) fn just_outside(&self, measured: &Measured) -> Option<Found> {
+        let radius_mm = 0.5 * measured.report.diameter_mm;
         let seen = self.nominal_mm.is_none().then(|| self.seen(None))?;
-        outer::just_outside(seen, centers, radius_mm)
+        outer::just_outside(seen, self.centers(measured), radius_mm)
     }
 
     /// Radii of the edges beside a circle that was measured: fainter outside, stronger inside.
-    pub(super) fn beside(&self, measured: &Report) -> [Option<f64>; 2] {
-        let centers: Vec<_> = measured.rod_centers.iter().map(|c| c.center_mm.into()).collect();
-        beside::beside(self.seen(None), &centers, 0.5 * measured.diameter_mm)
+    pub(super) fn beside(&self, measured: &Measured) -> [Option<f64>; 2] {
+        beside::beside(self.seen(None), &self.centers(measured), 0.5 * measured.report.diameter_mm)
+    }
+
+    /// The warnings about captures that were left out.
+    pub(super) fn left_out(&self, measured: &Measured) -> Vec<String> {
+        let places = measured.circles.iter().zip(self.captures);
+        let rim = |(c, capture): (&Circle, &Capture)| Circle {
+            center: c.center + capture.position_mm,
+            ..*c
+        };
+        let rims: Vec<Circle> = places.map(rim).collect();
+        let reports = &measured.report.captures;
+        astray::left_out(reports, &astray::astray_mm(reports, &self.voters, &rims))
+    }
+
+    /// The rod's centre at every table angle, those that were left out too.
+    fn centers(&self, measured: &Measured) -> Vec<Vector2<f64>> {
+        let angles = self.angle_of.iter().max().map_or(0, |last| last + 1);
+        let first = |angle| self.angle_of.iter().position(|a| *a == angle);
+        let center = |i: usize| measured.circles[i].center + self.captures[i].position_mm;
+        (0..angles).filter_map(first).map(center).collect()
     }
 
     /// The rim that all captures but one show: one whose position is wrong may lead all astray.

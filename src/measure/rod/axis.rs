@@ -3,7 +3,7 @@
 //! An arc by itself hardly tells a larger radius from a centre farther inside it. Centres that are tied to the axis cannot all move at will:
 //! of three angles and more, arcs in place tell the radius as arcs all round one centre do.
 
-use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Rotation2, Vector2};
 
 use crate::fit::least_squares;
 use crate::fit::robust::median;
@@ -95,6 +95,11 @@ impl Axis {
     pub fn dof_of(&self, i: usize) -> f64 {
         let share = self.from_misses[i] / self.known.covariance[(i, i)].max(f64::MIN_POSITIVE);
         self.dof as f64 / share.clamp(0.0, 1.0).powi(2)
+    }
+
+    /// The rod's centre at a table angle.
+    pub fn center(&self, c_deg: f64, sense: f64) -> Vector2<f64> {
+        self.known.pair(0) + Rotation2::new((sense * c_deg).to_radians()) * self.known.pair(2)
     }
 
     /// Variance of a coordinate of a centre by itself, of which the pixels tell `pixels_mm2`, and its degrees of freedom.
@@ -205,7 +210,6 @@ fn axis_if(rod: &Known, out_of_place: f64, c_deg: &[f64], sense: f64) -> Option<
 mod tests {
     use super::*;
     use crate::uncertainty::k95;
-    use nalgebra::Rotation2;
     use rand::SeedableRng;
     use rand_distr::{Distribution, StandardNormal};
 

@@ -4,7 +4,7 @@ use super::attempts::Attempts;
 use super::finish::finish;
 use super::follow::follow;
 use super::outer::Found;
-use super::{Capture, Measured, Options, agreement, slip};
+use super::{Capture, Measured, Options, agreement, seen, slip};
 use crate::camera::View;
 use crate::error::{Error, Result};
 use crate::frame::Frame;
@@ -42,8 +42,11 @@ impl<'a> Choice<'a> {
     /// The circle that is measured best, near the nominal diameter where one is told and seen.
     pub fn best(&self) -> Result<Measured> {
         let mut best = self.likeliest();
-        if best.is_err() && self.captures.len() >= LEAST_WITHOUT {
-            best = self.without_one().map_or(best, Ok);
+        if best.as_ref().map_or(true, |m| self.bereft(m) > 0)
+            && self.captures.len() >= LEAST_WITHOUT
+        {
+            let other = self.without_one().filter(|m| self.is_better(m, &best));
+            best = other.map_or(best, Ok);
         }
         match self.options.diameter_mm {
             Some(nominal_mm) => self.near(nominal_mm, best),
@@ -53,8 +56,10 @@ impl<'a> Choice<'a> {
 
     /// The rim just outside the one that was measured.
     pub fn just_outside(&self, measured: &Measured) -> Option<Measured> {
-        let found = self.attempts.just_outside(&measured.report)?;
-        self.measure_at(&found).ok().filter(|m| !doubtful(m))
+        let found = self.attempts.just_outside(measured)?;
+        self.measure_at(&found)
+            .ok()
+            .filter(|m| !doubtful(m) && self.bereft(m) <= self.bereft(measured))
     }
 
     /// The likeliest circle; another one where that is doubtful and the other clearly better.
@@ -65,17 +70,44 @@ impl<'a> Choice<'a> {
         let mut best = first.and_then(|found| self.measure(found));
         // Edges of two circles taken for one wander about it, or miss it.
         for other in 0..=OTHERS {
-            if !best.as_ref().map_or(true, doubtful) {
+            if !best.as_ref().map_or(true, |m| doubtful(m) || self.bereft(m) > 0) {
                 break;
             }
             let found = if other == 0 { self.attempts.apart() } else { about(other) };
             let Some(Ok(other)) = found.map(|found| self.measure(found)) else { continue };
-            // Where the likeliest is refused another must be no such circle itself.
-            if best.as_ref().map_or_else(|_| !doubtful(&other), |m| clearer(&other, m)) {
+            if self.is_better(&other, &best) {
                 best = Ok(other);
             }
         }
         best
+    }
+
+    /// At how many table angles none of the captures is left, or one of several.
+    fn bereft(&self, measured: &Measured) -> usize {
+        let is_bereft = |angle: &usize| {
+            let all = measured.report.captures.iter().zip(self.angle_of);
+            let own = || all.clone().filter(|(_, a)| *a == angle);
+            let left = own().filter(|(capture, _)| capture.edge_points > 0).count();
+            left == 0 || left == 1 && own().count() > 1
+        };
+        (0..self.c_deg.len()).filter(is_bereft).count()
+    }
+
+    /// Whether a rim wanders so much less than another that the other may be edges of two circles.
+    fn clearer(&self, a: &Measured, b: &Measured) -> bool {
+        self.bereft(a) <= self.bereft(b) && a.report.form_rms_mm < CLEARER * b.report.form_rms_mm
+    }
+
+    /// Whether another circle is surely the rod sooner than the best one so far.
+    fn is_better(&self, other: &Measured, best: &Result<Measured>) -> bool {
+        match best {
+            Ok(best) => {
+                self.clearer(other, best)
+                    || !doubtful(other) && self.bereft(other) < self.bereft(best)
+            }
+            // Where the likeliest is refused another must be no such circle itself.
+            Err(_) => !doubtful(other),
+        }
     }
 
     /// The circle on which all agree but one capture, which is at a wrong position.
@@ -83,10 +115,10 @@ impl<'a> Choice<'a> {
         let others = (0..self.captures.len())
             .filter_map(|i| self.measure(self.attempts.without(i)?).ok())
             .filter(|m| !doubtful(m));
-        let gone = |m: &Measured| m.report.captures.iter().filter(|c| c.edge_points == 0).count();
         let apart = |m: &Measured| m.report.form_rms_mm.hypot(m.report.position_scatter_mm);
-        let order =
-            |a: &Measured, b: &Measured| gone(a).cmp(&gone(b)).then(apart(a).total_cmp(&apart(b)));
+        let order = |a: &Measured, b: &Measured| {
+            left_out(a).cmp(&left_out(b)).then(apart(a).total_cmp(&apart(b)))
+        };
         others.min_by(order)
     }
 
@@ -96,8 +128,12 @@ impl<'a> Choice<'a> {
         if let Ok(found) = &best
             && meets(found)
         {
-            let unled = doubtful(found).then(|| self.unled()).flatten();
-            return unled.filter(|m| meets(m) && clearer(m, found)).map_or(best, Ok);
+            let is_open = doubtful(found) || left_out(found) > 0;
+            let unled = is_open.then(|| self.unled()).flatten().filter(meets);
+            let is_better = |m: &Measured| {
+                self.clearer(m, found) || !doubtful(m) && left_out(m) < left_out(found)
+            };
+            return unled.filter(is_better).map_or(best, Ok);
         }
         let named = self.attempts.named().and_then(|found| self.measure_at(&found).ok());
         let ragged = |m: &Measured| m.report.form_rms_mm >= agreement::RAGGED_MM;
@@ -106,7 +142,9 @@ impl<'a> Choice<'a> {
             (None, Ok(other)) if ragged(&other) => {
                 Err(agreement::none_near(nominal_mm, &other.report))
             }
-            (None, best) => best,
+            (None, Ok(other)) => Ok(other),
+            // What leads to edges of two circles is the nominal diameter, now and then.
+            (None, refused) => self.unled().filter(|m| meets(m) && !ragged(m)).map_or(refused, Ok),
         }
     }
 
@@ -126,17 +164,26 @@ impl<'a> Choice<'a> {
     /// Measures a circle where it was found, without a capture that slipped.
     fn measure_at(&self, found: &Found) -> Result<Measured> {
         let Self { captures, frames, options, c_deg, angle_of, .. } = *self;
-        let mut followed = follow(captures, frames, found, angle_of)?;
-        if found.without.is_none()
-            && let Some(without) = slip::at_fault(&followed.arcs, &followed.robust)
+        let mut found = found.clone();
+        let mut followed = follow(captures, frames, &found, angle_of)?;
+        if found.without.is_empty()
+            && let Some(slipped) = slip::at_fault(&followed.arcs, &followed.robust)
         {
-            let found = Found { without: Some(without), ..found.clone() };
+            found.without.push(slipped);
             followed = follow(captures, frames, &found, angle_of)?;
         }
-        let mut measured = finish(captures, options, c_deg, angle_of, &followed)?;
+        let strays = seen::strays(captures.len(), angle_of, &followed);
+        if !strays.is_empty() {
+            found.without.extend(strays);
+            followed = follow(captures, frames, &found, angle_of)?;
+        }
+        let seen = seen::seen(captures, (c_deg, angle_of), followed)?;
+        let mut measured = finish(captures, options, &seen)?;
+        let told = self.attempts.left_out(&measured);
+        measured.report.warnings.extend(told);
         let mut beside = [found.fainter_mm, found.stronger_mm];
         if c_deg.len() > 1 && beside.iter().any(Option::is_some) {
-            let seen = self.attempts.beside(&measured.report);
+            let seen = self.attempts.beside(&measured);
             // What is beside the rim about one centre may be the rim at another table angle.
             beside.iter_mut().zip(seen).for_each(|(edge, seen)| *edge = edge.and(seen));
         }
@@ -146,13 +193,13 @@ impl<'a> Choice<'a> {
     }
 }
 
-fn doubtful(measured: &Measured) -> bool {
-    measured.report.form_rms_mm >= DOUBTFUL_MM
+/// How many captures were left out.
+fn left_out(measured: &Measured) -> usize {
+    measured.report.captures.iter().filter(|c| c.edge_points == 0).count()
 }
 
-/// Whether a rim wanders so much less than another that the other may be edges of two circles.
-fn clearer(a: &Measured, b: &Measured) -> bool {
-    a.report.form_rms_mm < CLEARER * b.report.form_rms_mm
+fn doubtful(measured: &Measured) -> bool {
+    measured.report.form_rms_mm >= DOUBTFUL_MM
 }
 
 fn unseen(nominal_mm: Option<f64>) -> Error {

@@ -6,6 +6,7 @@ use super::axis::{self, Axis, Known};
 use super::follow::Followed;
 use super::joint::{self, Arc, Joint, Refined};
 use super::light::Shift;
+use super::seen::Seen;
 use super::turned::turned_mm;
 use super::{Capture, Measured, Options, Report, RodCenter, agreement, budget};
 use crate::error::{Error, Result};
@@ -26,9 +27,7 @@ pub(super) const ONE_ANGLE: &str =
 pub(super) fn finish(
     captures: &[Capture],
     options: &Options,
-    c_deg: &[f64],
-    angle_of: &[usize],
-    followed: &Followed,
+    Seen { followed, c_deg, angle_of }: &Seen,
 ) -> Result<Measured> {
     let angles = c_deg.len();
     let Followed { arcs, robust, shift, .. } = followed;
@@ -63,9 +62,8 @@ pub(super) fn finish(
     let (points, captures_report) =
         agreement::residuals(captures, arcs, robust, &centers, radius - blur_mm);
     agreement::check(&refined, &points, &captures_report, options)?;
-    agreement::angles_seen(&captures_report, angle_of, c_deg)?;
     agreement::arcs_seen(arcs, robust, options, &mut warnings);
-    agreement::places_and_form(&refined, &captures_report, options, &mut warnings);
+    agreement::places_and_form(&refined, arcs, &captures_report, options, &mut warnings);
     let sources = budget::Sources {
         fit,
         groups: &refined.groups,
@@ -78,9 +76,15 @@ pub(super) fn finish(
         plane: &refined.by_plane,
     };
     let budget = sources.budget(axis_u95, diameter_u95_mm);
+    let turned = |c_deg: f64| match &axis {
+        Some(axis) => axis.center(c_deg, options.c_sense),
+        None => centers[0],
+    };
+    let center = |(c, a): (&Capture, &Option<usize>)| {
+        a.map_or_else(|| turned(c.c_deg), |a| centers[a]) - c.position_mm
+    };
     let seen = captures.iter().zip(angle_of);
-    let circles =
-        seen.map(|(c, &a)| Circle { center: centers[a] - c.position_mm, radius }).collect();
+    let circles = seen.map(|seen| Circle { center: center(seen), radius }).collect();
     let eccentricity = axis.as_ref().map(eccentricity_of);
     Ok(Measured {
         report: Report {

@@ -2,6 +2,7 @@
 
 mod agreement;
 mod aimed;
+mod astray;
 mod attempts;
 mod axis;
 mod beside;
@@ -16,6 +17,7 @@ mod outer;
 mod points;
 mod report;
 mod seek;
+mod seen;
 mod sight;
 mod slip;
 mod table;

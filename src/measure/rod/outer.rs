@@ -62,8 +62,8 @@ pub(super) struct Found {
     pub is_common: bool,
     /// Radius of an edge inside beside which this one is faint: a chamfer's, or this one is no rim.
     pub stronger_mm: Option<f64>,
-    /// A capture that is left out, as the others agree without it.
-    pub without: Option<usize>,
+    /// Captures that are left out, as the others agree without them.
+    pub without: Vec<usize>,
 }
 
 impl Found {
@@ -184,7 +184,7 @@ pub(super) fn rim(seen: Captures, about: Circle, nominal_mm: Option<f64>) -> Opt
         fainter_mm: common.or(fainter).map(radius_mm),
         is_common: common.is_some(),
         stronger_mm: stronger.map(radius_mm),
-        without: seen.without,
+        without: seen.without.into_iter().collect(),
     })
 }
 
@@ -216,7 +216,7 @@ pub(super) fn just_outside(
         fainter_mm: None,
         is_common: false,
         stronger_mm: None,
-        without: None,
+        without: Vec::new(),
     })
 }
 

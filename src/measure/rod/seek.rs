@@ -28,6 +28,25 @@ pub(super) struct Voter {
     capture: usize,
 }
 
+impl Voter {
+    /// Centres of the circles of some radius whose rim it may be of.
+    pub(super) fn centers(&self, radius_mm: f64) -> [Vector2<f64>; 2] {
+        [1.0, -1.0].map(|sign| self.place_mm + sign * radius_mm * self.along)
+    }
+
+    /// Direction from a centre to it.
+    pub(super) fn toward(&self, center: Vector2<f64>) -> Vector2<f64> {
+        (self.place_mm - center).normalize()
+    }
+
+    /// How far outside a circle it lies. `None` where it is no edge along that.
+    pub(super) fn off_mm(&self, circle: Circle) -> Option<f64> {
+        const ALONG: f64 = 0.12;
+        let is_along = self.along.perp(&self.toward(circle.center)).abs() < ALONG;
+        is_along.then(|| circle.distance(self.place_mm))
+    }
+}
+
 /// The voters of one capture.
 pub(super) fn voters(
     frame: &Frame,
