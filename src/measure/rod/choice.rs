@@ -139,7 +139,8 @@ impl<'a> Choice<'a> {
         let ragged = |m: &Measured| m.report.form_rms_mm >= agreement::RAGGED_MM;
         match (named.filter(|m| meets(m) && !ragged(m)), best) {
             (Some(named), _) => Ok(named),
-            (None, Ok(other)) if ragged(&other) => {
+            // Neither the size nor all table angles speak for it.
+            (None, Ok(other)) if ragged(&other) || self.bereft(&other) > 0 => {
                 Err(agreement::none_near(nominal_mm, &other.report))
             }
             (None, Ok(other)) => Ok(other),
