@@ -161,6 +161,21 @@ fn a_diagnosis_counts_copies_once_and_doubts_what_no_machine_shows() {
     write("own.toml", own);
     let own = run(dir, "diagnose rtcp --model machine.toml --data once.csv --effects own.toml");
     assert!(said(&own).contains("own.toml: effects 'pull' adds up to 44.4 mm"), "{}", said(&own));
+    let without: String = timed
+        .lines()
+        .map(|l| {
+            l.split(',')
+                .enumerate()
+                .filter(|(i, _)| *i != 4)
+                .map(|(_, cell)| cell)
+                .collect::<Vec<_>>()
+                .join(",")
+                + "\n"
+        })
+        .collect();
+    write("without.csv", &without);
+    let wanted = ["without.csv", "dz_mm"];
+    refused(dir, "diagnose rtcp --model machine.toml --data without.csv", &wanted);
     let few: String = timed.lines().take(4).map(|line| format!("{line}\n")).collect();
     write("few.csv", &few);
     refused(

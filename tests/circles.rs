@@ -186,4 +186,7 @@ fn what_is_no_circle_is_refused() {
             }
         }
     }
+    // Flat but for a dot and noise, which happens to look a little like a circle of 160 px: by three standard deviations.
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/dot-in-noise.png");
+    assert!(circle(&Picture::read(path).unwrap(), 3.2).is_err());
 }

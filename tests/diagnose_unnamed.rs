@@ -35,6 +35,7 @@ fn five_angles_are_enough_for_a_step_and_a_bump() {
             let told = &report["unnamed"][0];
             assert_eq!((&told["output"], &told["versus"]), (&"dy_mm".into(), &"b_deg".into()));
             assert!(told["shape"].as_str().unwrap().starts_with(shape), "{told}");
+            assert_eq!(report["where"][0]["output"], "dy_mm", "{}", report["where"]);
         }
     }
 }

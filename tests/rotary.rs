@@ -324,6 +324,23 @@ fn a_copied_run_counts_once_and_is_told() {
     assert!(three.warnings[0].contains("run 'c'") && three.warnings[0].contains("run 'b'"));
     let noise = |s: &Sweep| (s.noise(None).reading_mm, s.groups[2].mean_mm, s.groups[2].readings);
     assert_eq!(noise(&two), noise(&three));
+    // Of two runs that are alike the dial's last digit may be why, unless its noise is told to be larger.
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("twice.csv");
+    std::fs::write(
+        &path,
+        format!("angle_deg,deviation_mm,run\n{first}{}", first.replace(",a\n", ",b\n")),
+    )
+    .unwrap();
+    for (noise_mm, told) in [("0.002", true), ("0.0003", false)] {
+        let out = rotary()
+            .arg(&path)
+            .args(["--pivot-mm", "400", "--noise-mm", noise_mm])
+            .output()
+            .unwrap();
+        let said = String::from_utf8(out.stderr).unwrap();
+        assert_eq!(said.contains("a run was copied"), told, "{noise_mm}: {said}");
+    }
 }
 
 /// A dial read to its last digit repeats exactly and is not exact; a place that one run saw has that run's shift; and a wrong L makes a

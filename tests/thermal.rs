@@ -140,6 +140,26 @@ fn absolute_temperatures_are_noticed_and_a_cold_state_can_be_given() {
 }
 
 #[test]
+fn a_table_that_is_pasted_twice_counts_once() {
+    let dir = tempfile::tempdir().unwrap();
+    let mut rows = String::new();
+    for k in 0..60 {
+        let t = f64::from(k);
+        let (rise, wander) = (12.0 * (1.0 - (-t / 20.0).exp()), 0.0004 * (1.7 * t).sin());
+        rows += &format!("{rise:.3},{:.5}\n", 0.004 * rise + wander);
+    }
+    let [once, twice] = [1, 2].map(|times| {
+        let path = dir.path().join(format!("{times}.csv"));
+        std::fs::write(&path, format!("head_1_c,displacement_mm\n{}", rows.repeat(times))).unwrap();
+        let mut thermal = Command::cargo_bin("pivotsight").unwrap();
+        thermal.args(["thermal", "fit", "--head"]).arg(&path).output().unwrap()
+    });
+    assert_eq!(once.stdout, twice.stdout);
+    let said = String::from_utf8(twice.stderr).unwrap();
+    assert!(said.contains("2.csv: 60 left out"), "{said}");
+}
+
+#[test]
 fn a_model_of_the_head_alone_corrects_the_head() {
     let truth = Truth::sample(2);
     let dir = tempfile::tempdir().unwrap();

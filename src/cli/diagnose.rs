@@ -78,7 +78,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         model: args.model.clone(),
         calib: args.calib.clone(),
         effects: args.effects.clone(),
-        once: !args.plan_only,
+        measured: !args.plan_only,
     };
     if let Some(folder) = &args.report {
         global.makes("--report", folder, ["index.html"])?;

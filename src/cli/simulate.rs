@@ -61,7 +61,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             model: args.model.clone(),
             calib: args.calib.clone(),
             effects: args.effects.clone(),
-            once: false,
+            measured: false,
         },
         now: args.now.clone(),
         noise_mm: args.noise_mm,

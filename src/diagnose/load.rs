@@ -27,8 +27,9 @@ pub struct Source {
     pub calib: Option<PathBuf>,
     /// Effects of the user's own.
     pub effects: Option<PathBuf>,
-    /// Whether copies of rows are left out: of a measured run they tell nothing, of a plan they are wanted.
-    pub once: bool,
+    /// Whether the rows were measured: then they have readings, and copies of rows are left out, which tell nothing. A plan may lack the one and
+    /// want the other.
+    pub measured: bool,
 }
 
 impl Source {
@@ -71,7 +72,6 @@ impl Source {
             DataKind::Thermal => plain::THERMAL_COLUMNS,
             DataKind::Burn => plain::BURN_COLUMNS,
         };
-        let mut table = Table::read(&self.data, required, optional)?;
         let readings: &[&str] = match self.kind {
             DataKind::Rtcp => &["dx_mm", "dy_mm", "dz_mm"],
             DataKind::Rod => &["u_px", "v_px"],
@@ -79,7 +79,12 @@ impl Source {
             DataKind::Thermal => &["error_mm"],
             DataKind::Burn => &["dx_mm", "dy_mm"],
         };
-        if self.once {
+        let mut required = required.to_vec();
+        if self.measured {
+            required.extend(readings.iter().filter(|r| optional.contains(r)));
+        }
+        let mut table = Table::read(&self.data, &required, optional)?;
+        if self.measured {
             repeats::measured_once(&mut table, readings, warnings);
         }
         Ok(table)

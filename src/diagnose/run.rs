@@ -13,6 +13,7 @@ use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::holdout::held_out_rms;
 use crate::diagnose::next::next_measurement;
+use crate::diagnose::noise::Noise;
 use crate::diagnose::outliers::whole_captures;
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::repeats::repeats_ln_p;
@@ -176,7 +177,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     };
     let mut unnamed = unnamed::shapes(fitter, s);
     if lacking && generic_count == 0 {
-        unnamed.push(unnamed::unstructured(places(fitter, f, layout).into_iter().next()));
+        unnamed.push(unnamed::unstructured(places(fitter, f, &f.noise).into_iter().next()));
     }
     let rms = |r: &[f64]| {
         let kept: Vec<f64> =
@@ -215,7 +216,7 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         in_the_control: Vec::new(),
         unnamed,
         gap,
-        places: places(fitter, &s.baseline, layout),
+        places: places(fitter, &s.baseline, &f.noise),
         next_measurement: None,
         outliers: set_aside(fitter.experiment, &outliers),
         untested,
@@ -316,9 +317,11 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
     named
 }
 
-/// The ranges in which the residuals exceed the noise most: eight bins of each variable, each output.
-fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
+/// The ranges in which a model's residuals exceed the noise most: eight bins of each variable, each output. The noise is that of the
+/// whole answer: what is missing from a model counts as noise to it.
+fn places(fitter: &Fitter, f: &Fitted, noise: &Noise) -> Vec<Where> {
     const BINS: usize = 8;
+    let layout = fitter.experiment.layout();
     let mut found: Vec<(f64, Where)> = Vec::new();
     for d in layout.outputs() {
         for v in &layout.variables {
@@ -343,7 +346,7 @@ fn places(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<Where> {
                 for i in 0..f.residual.len() {
                     if fitter.space.kept(i) && inside(v.values[i]) {
                         let share = d.factors[i] * d.factors[i];
-                        let noise = f.noise.sigma_mm[layout.classes[i]].max(1e-12);
+                        let noise = noise.sigma_mm[layout.classes[i]].max(1e-12);
                         sum += share * f.residual[i].powi(2);
                         in_noise += share * (f.residual[i] / noise).powi(2);
                         weight += share;

@@ -12,7 +12,7 @@ use crate::measure::bands;
 use crate::measure::points::{Points, Search};
 use crate::measure::ring::{self, Ring};
 use crate::measure::round::{
-    FAINT, REGULAR, WHOLE, form, is_arc, is_faint, is_regular, may_be_circle,
+    FAINT, REGULAR, WHOLE, form, is_arc, is_faint, is_of_noise, is_regular, may_be_circle,
 };
 use crate::measure::two_edges::two_edges;
 
@@ -286,6 +286,9 @@ impl Picture<'_> {
             return None;
         }
         let faint = is_faint(&ring);
+        if faint && is_of_noise(&ring, self.view.pixel_mm()) {
+            return None;
+        }
         let clear = is_regular(&ring) && !faint;
         if !clear && !stands_out() {
             return None;

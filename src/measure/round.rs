@@ -46,3 +46,12 @@ pub(super) fn is_faint(ring: &Ring) -> bool {
 pub(super) fn is_regular(ring: &Ring) -> bool {
     form(ring) < REGULAR
 }
+
+/// Whether a step is no larger than the pixels' noise makes one: both sides are seen along the edge, about a softness wide.
+pub(super) fn is_of_noise(ring: &Ring, pixel_mm: f64) -> bool {
+    /// In standard deviations of the step: of all circles that a picture has room for, its noise alone makes some of five or six.
+    const SURE: f64 = 10.0;
+    let length_px = std::f64::consts::TAU * ring.arc_coverage * ring.circle.radius / pixel_mm;
+    let pixels = length_px * ring.softness_px.max(1.0);
+    ring.contrast.abs() < SURE * ring.noise * (2.0 / pixels).sqrt()
+}

@@ -81,7 +81,12 @@ pub struct Noise {
     pub source: NoiseSource,
     /// Whether repeats scatter by more than the user says.
     is_doubted: bool,
+    /// Whether repeats do not scatter at all, though what the user says hardly ever leaves them so.
+    is_copied: bool,
 }
+
+/// Repeats that are all alike are copies where noise would leave them so more seldom.
+const SELDOM: f64 = 1e-3;
 
 /// Where the noise figure comes from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, schemars::JsonSchema)]
@@ -190,10 +195,20 @@ impl Sweep {
                 source: NoiseSource::Given,
                 is_doubted: self.noise.source == NoiseSource::Repeats
                     && scatters_more(self.noise.reading_mm, self.noise.reading_dof, reading_mm),
+                is_copied: self.noise.source == NoiseSource::Repeats
+                    && self.noise.reading_mm == 0.0
+                    && self.alike_by_chance(reading_mm) < SELDOM,
                 ..self.noise
             },
             None => self.noise,
         }
+    }
+
+    /// The chance that noise leaves all repeats alike: of two readings, the last digit over 2 √π standard deviations.
+    fn alike_by_chance(&self, reading_mm: f64) -> f64 {
+        let digit_mm = self.noise.rounding_mm * 12f64.sqrt();
+        let two = (digit_mm / (2.0 * std::f64::consts::PI.sqrt() * reading_mm)).min(1.0);
+        two.powi(self.groups.iter().map(|g| g.readings as i32 - 1).sum())
     }
 
     /// The old table as absolute values in the sense +1, one for each group.
@@ -268,6 +283,11 @@ impl Noise {
             NoiseSource::Given if self.is_doubted => Some(
                 "repeated readings scatter by more than --noise-mm says: the intervals are too narrow".to_owned(),
             ),
+            NoiseSource::Given if self.is_copied => Some(
+                "repeated readings are all alike, which noise of --noise-mm would not leave them: a run was copied, and the intervals are too \
+                 narrow; leave the copy out"
+                    .to_owned(),
+            ),
             NoiseSource::Given if self.runs < 2 => Some(
                 "one run: how much the indicator's zero shifts from run to run is in no interval; repeat the sweep"
                     .to_owned(),
@@ -333,6 +353,7 @@ fn estimate_noise(groups: &[Group], readings: &[Reading]) -> Noise {
         runs: used.max(1),
         source: NoiseSource::Repeats,
         is_doubted: false,
+        is_copied: false,
     }
 }
 
@@ -367,5 +388,6 @@ fn roughness(groups: &[Group]) -> Noise {
         runs: 1,
         source,
         is_doubted: false,
+        is_copied: false,
     }
 }

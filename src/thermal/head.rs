@@ -7,6 +7,7 @@ use super::blocks::{BLOCKS, Blocks, correlation};
 use super::sums::{Sums, with_constant};
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
+use crate::repeats;
 use crate::table::Table;
 use crate::uncertainty::k95;
 use crate::units;
@@ -70,7 +71,9 @@ pub struct Data {
 impl Data {
     /// Reads `head_1_c..head_n_c,displacement_mm`.
     pub fn read(path: impl AsRef<std::path::Path>, cold_c: &[f64]) -> Result<Self> {
-        let table = Table::read(path, &["displacement_mm"], &["head_*_c"])?;
+        let mut table = Table::read(path, &["displacement_mm"], &["head_*_c"])?;
+        let mut warnings = Vec::new();
+        repeats::measured_once(&mut table, &["displacement_mm"], &mut warnings);
         let sensors = sensor_columns(&table)?;
         if sensors.is_empty() {
             let reason = "has no head sensor column";
@@ -85,8 +88,7 @@ impl Data {
         }
         let displacement_mm = table.column("displacement_mm")?;
         let mut rises_c = vec![Vec::with_capacity(sensors.len()); table.rows()];
-        let mut warnings: Vec<String> =
-            units::errors("displacement_mm", &displacement_mm).into_iter().collect();
+        warnings.extend(units::errors("displacement_mm", &displacement_mm));
         let mut looks_absolute = cold_c.is_empty();
         for (i, name) in sensors.iter().enumerate() {
             let cold = cold_c.get(i).copied().unwrap_or(0.0);

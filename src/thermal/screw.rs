@@ -6,6 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::error::{Error, Result};
 use crate::fit::robust::range;
+use crate::repeats;
 use crate::table::Table;
 use crate::thermal::law::{Law, Misfit};
 use crate::thermal::lines::{Line, Lines, Point, fail};
@@ -34,7 +35,9 @@ pub struct Data {
 impl Data {
     /// Reads `axis,screw_c,position_mm,error_mm`.
     pub fn read(path: impl AsRef<std::path::Path>) -> Result<Self> {
-        let table = Table::read(path, &["axis", "screw_c", "position_mm", "error_mm"], &[])?;
+        let mut table = Table::read(path, &["axis", "screw_c", "position_mm", "error_mm"], &[])?;
+        let mut warnings = Vec::new();
+        repeats::measured_once(&mut table, &["error_mm"], &mut warnings);
         let mut axes: Vec<(String, Vec<Point>)> = Vec::new();
         for row in 0..table.rows() {
             let name = table.text(row, "axis").to_ascii_lowercase();
@@ -56,7 +59,7 @@ impl Data {
             units::travel("position_mm", &table.column("position_mm")?),
             units::errors("error_mm", &table.column("error_mm")?),
         ];
-        let warnings = told.into_iter().flatten().collect();
+        warnings.extend(told.into_iter().flatten());
         Ok(Self { axes, path: table.path().to_owned(), warnings })
     }
 }
