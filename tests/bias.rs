@@ -155,7 +155,7 @@ fn perspective() {
     let homography_mm = to_image.try_inverse().unwrap();
     let calibration = Calibration {
         name: String::new(),
-        mapping: Mapping::Pinhole { lens, homography_mm, covariance: None },
+        mapping: Mapping::Pinhole { lens, homography_mm, covariance: None, mirrored: false },
         laser: None,
         gamma: 1.0,
     };
@@ -201,7 +201,8 @@ fn lens_distortion() {
     let picture = canvas.picture(QUIET, &mut rng());
     let homography_mm =
         Matrix3::from_diagonal(&Vector3::new(f_px * MM_PER_PX, -f_px * MM_PER_PX, 1.0));
-    let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None };
+    let mapping =
+        Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None, mirrored: false };
     let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let found = measured(&picture, &calibration, 2.0 * radius * MM_PER_PX);
     let truth = Vector2::new(off.x, -off.y) * MM_PER_PX;

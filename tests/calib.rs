@@ -184,6 +184,11 @@ fn wrong_signs_swapped_axes_and_wrong_rows_are_said() {
         assert!(json["warnings"].to_string().contains(words), "{json:#}");
         let mirrored = orientation == "mirrored";
         assert_eq!((code, calib.exists()), (Some(i32::from(mirrored)), !mirrored));
+        if mirrored {
+            let own = folder.path().join("mirrored.toml");
+            run(&["calib", "plane", &table, "--mirrored", "--write-calib", own.to_str().unwrap()]);
+            assert!(std::fs::read_to_string(own).unwrap().contains("mirrored = true"));
+        }
     }
     // One mistyped row is named and left out; too few positions are refused.
     std::fs::write(&table, right.replace("mark-3.png,113.1", "mark-3.png,113.6")).unwrap();

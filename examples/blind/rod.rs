@@ -434,7 +434,7 @@ pub fn read(csv: &str) -> Box<dyn Experiment> {
         nalgebra::Matrix3::new(MM_PER_UNIT, 0.0, 0.0, 0.0, -MM_PER_UNIT, 0.0, 0.0, 0.0, 1.0);
     let calibration = Calibration {
         name: String::new(),
-        mapping: Mapping::Pinhole { lens, homography_mm, covariance: None },
+        mapping: Mapping::Pinhole { lens, homography_mm, covariance: None, mirrored: false },
         laser: None,
         gamma: 1.0,
     };

@@ -192,7 +192,7 @@ impl Prepared<'_> {
     pub fn doubts(&self) -> Vec<String> {
         let sizes = self.sizes.lock().unwrap_or_else(PoisonError::into_inner);
         let mixed = units::sizes(sizes.iter().map(|(size, name)| (name.as_str(), *size)));
-        self.calibration.doubt().into_iter().chain(mixed).collect()
+        self.calibration.doubts().into_iter().chain(mixed).collect()
     }
 
     /// Reads a picture, and remembers its size where the calibration does not know it.

@@ -150,6 +150,7 @@ pub fn from_sightings(
         lens: lens.clone(),
         homography_mm: fit.homography(),
         covariance: Some(Box::new(PlaneCovariance { homography, lens: by_lens })),
+        mirrored: report.orientation == Orientation::Mirrored,
     };
     Ok(Calibrated {
         calibration: Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 },
@@ -223,7 +224,12 @@ mod tests {
             ..ideal(1600, 1200)
         };
         let homography_mm = Matrix3::new(28.0, 0.6, 0.0, 0.5, -28.0, 0.0, 0.02, -0.03, 1.0);
-        let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None };
+        let mapping = Mapping::Pinhole {
+            lens: lens.clone(),
+            homography_mm,
+            covariance: None,
+            mirrored: false,
+        };
         let truth = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
         let truth = truth.view(1600, 1200).unwrap();
         let exact = LensFile { lens, covariance: None, gamma: 1.0 };

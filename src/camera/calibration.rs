@@ -14,7 +14,7 @@ use crate::camera::plane_uncertainty::{
 };
 use crate::error::{Error, Result};
 use crate::frame::{Channel, Frame, Picture};
-use crate::{tomlfile, units};
+use crate::tomlfile;
 
 /// What a camera's gamma may be.
 const GAMMAS: std::ops::RangeInclusive<f64> = 0.2..=5.0;
@@ -43,6 +43,8 @@ pub enum Mapping {
         homography_mm: Matrix3<f64>,
         /// What is not known of both. `None` where they are taken as exact.
         covariance: Option<Box<PlaneCovariance>>,
+        /// Whether the camera is said to look through a mirror.
+        mirrored: bool,
     },
     /// A plain scale: the camera axis goes through the frame's middle and v down is -Y.
     Scale {
@@ -119,6 +121,9 @@ impl LensUncertainty {
 #[serde(deny_unknown_fields)]
 pub(super) struct Plane {
     homography_mm: [[f64; 3]; 3],
+    /// Whether the camera looks through a mirror.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    mirrored: bool,
     #[serde(skip_serializing_if = "Option::is_none")]
     homography_covariance: Option<[[f64; 6]; 6]>,
     /// How h11, h12, h21, h22, h31, h32 change with the lens' numbers.
@@ -197,7 +202,7 @@ impl Calibration {
                     ));
                 }
                 let covariance = plane.covariance(file.lens_uncertainty)?;
-                Mapping::Pinhole { lens, homography_mm, covariance }
+                Mapping::Pinhole { lens, homography_mm, covariance, mirrored: plane.mirrored }
             }
             (None, None, Some(Scale { mm_per_px, rotation_deg })) => {
                 if !(mm_per_px.is_finite() && mm_per_px > 0.0) {
@@ -254,20 +259,6 @@ impl Calibration {
         exact
     }
 
-    /// A scale or plane that looks as if it were in another unit.
-    pub fn doubt(&self) -> Option<String> {
-        match &self.mapping {
-            &Mapping::Scale { mm_per_px, .. } => {
-                units::pixel("the calibration's mm_per_px", mm_per_px)
-            }
-            Mapping::Pinhole { lens, .. } => {
-                let view =
-                    View::new(&self.mapping, lens.width_px as usize, lens.height_px as usize);
-                units::pixel("a pixel, by the calibration's [plane],", view.pixel_mm())
-            }
-        }
-    }
-
     /// Width and height of the frames the lens was calibrated for; `None` for a plain scale.
     pub fn lens_size(&self) -> Option<(usize, usize)> {
         match &self.mapping {
@@ -282,11 +273,12 @@ impl Calibration {
     pub fn to_toml(&self) -> String {
         let mut lens_uncertainty = None;
         let (camera, plane, scale) = match &self.mapping {
-            Mapping::Pinhole { lens, homography_mm, covariance } => {
+            Mapping::Pinhole { lens, homography_mm, covariance, mirrored } => {
                 let of_lens = covariance.as_ref().and_then(|c| c.lens.as_ref());
                 lens_uncertainty = of_lens.map(|(lens, _)| LensUncertainty::of(lens));
                 let plane = Plane {
                     homography_mm: rows(homography_mm),
+                    mirrored: *mirrored,
                     homography_covariance: covariance.as_ref().map(|c| rows(&c.homography)),
                     homography_by_lens: of_lens.map(|(_, by_lens)| rows(by_lens)),
                 };

@@ -93,12 +93,16 @@ impl Lens {
             lens: self.clone(),
             homography_mm: Matrix3::identity(),
             covariance: None,
+            mirrored: false,
         };
         View::new(&mapping, self.width_px as usize, self.height_px as usize)
     }
 }
 
 /// What no lens can have: the field, what is wrong with it and what to do.
+/// Frames that a lens' axis may lie off: a frame may be a part of a far larger picture.
+const MOST_OFF: f64 = 10.0;
+
 pub(super) fn check_lens(lens: &Lens) -> std::result::Result<(), Complaint> {
     let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
     if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
@@ -116,6 +120,14 @@ pub(super) fn check_lens(lens: &Lens) -> std::result::Result<(), Complaint> {
     }
     if lens.width_px == 0 || lens.height_px == 0 {
         return Err(("camera.width_px", "is zero".into(), "give the frame's size in pixels"));
+    }
+    let middle =
+        [("camera.cx_px", lens.cx_px, lens.width_px), ("camera.cy_px", lens.cy_px, lens.height_px)];
+    if let Some((name, px, size)) =
+        middle.into_iter().find(|(_, px, size)| px.abs() > MOST_OFF * f64::from(*size))
+    {
+        let reason = format!("is {px} in a frame of {size} px");
+        return Err((name, reason, "give where the lens' axis meets the picture, in pixels"));
     }
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! The camera: its calibration file and the mapping between pixels and the measuring plane.
 
 mod calibration;
+mod doubts;
 mod horizon;
 mod identity;
 mod lens;

@@ -98,6 +98,11 @@ fn bent_view(
     h: &Vector6<f64>,
 ) -> View {
     let homography_mm = to_plane + Matrix3::new(h[0], h[1], 0.0, h[2], h[3], 0.0, h[4], h[5], 0.0);
-    let mapping = Mapping::Pinhole { lens: lens.plus(error), homography_mm, covariance: None };
+    let mapping = Mapping::Pinhole {
+        lens: lens.plus(error),
+        homography_mm,
+        covariance: None,
+        mirrored: false,
+    };
     View::new(&mapping, lens.width_px as usize, lens.height_px as usize)
 }

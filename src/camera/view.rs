@@ -19,7 +19,7 @@ pub struct View {
 impl View {
     pub(super) fn new(mapping: &Mapping, width_px: usize, height_px: usize) -> Self {
         let (lens, to_plane, uncertainty) = match mapping {
-            Mapping::Pinhole { lens, homography_mm, covariance } => {
+            Mapping::Pinhole { lens, homography_mm, covariance, .. } => {
                 let of = |c| PlaneUncertainty::of(c, lens, homography_mm);
                 let uncertainty = covariance.as_deref().and_then(of);
                 (lens.clone(), *homography_mm, uncertainty.unwrap_or_default())
@@ -114,9 +114,16 @@ impl View {
 
     /// Mean size of a pixel in the plane, at the frame's middle.
     pub fn pixel_mm(&self) -> f64 {
-        let middle =
-            Vector2::new(self.lens.width_px as f64 - 1.0, self.lens.height_px as f64 - 1.0) / 2.0;
-        self.pixel_mm_at(middle)
+        self.pixel_mm_at(self.middle_px())
+    }
+
+    /// Whether the plane is seen as in a mirror; one that is not has v down where Y is up.
+    pub fn is_mirror_image(&self) -> bool {
+        self.mm_per_px(self.middle_px()).determinant() > 0.0
+    }
+
+    fn middle_px(&self) -> Vector2<f64> {
+        Vector2::new(self.lens.width_px as f64 - 1.0, self.lens.height_px as f64 - 1.0) / 2.0
     }
 
     /// Mean size of a pixel in the plane, at a place in the picture.
@@ -215,7 +222,11 @@ mod tests {
             distortion: [-0.12, 0.3, 1e-3, -8e-4, 0.2],
         };
         let homography_mm = Matrix3::new(30.0, 0.5, 0.1, 0.4, -30.0, -0.2, 0.01, 0.02, 1.0);
-        View::new(&Mapping::Pinhole { lens, homography_mm, covariance: None }, 1600, 1200)
+        View::new(
+            &Mapping::Pinhole { lens, homography_mm, covariance: None, mirrored: false },
+            1600,
+            1200,
+        )
     }
 
     #[test]

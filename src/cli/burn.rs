@@ -97,7 +97,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         units::height("--ring-height-mm", args.ring_height_mm),
         units::height("--spot-height-mm", args.spot_height_mm),
     ];
-    let doubts = calibration.doubt().into_iter().chain(heights.into_iter().flatten()).collect();
+    let doubts = calibration.doubts().into_iter().chain(heights.into_iter().flatten()).collect();
     let camera = Camera { calibration: &calibration, identity: &identity, doubts };
     let mut outcome = pictures::run("burn", &args.images, camera, overlay, global, |image| {
         let subject = image.display().to_string();

@@ -89,7 +89,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     })?;
     terminal.end();
     let report = &made.report;
-    let mut warnings: Vec<String> = calibration.doubt().into_iter().collect();
+    let mut warnings: Vec<String> = calibration.doubts();
     if report.verdict == Verdict::Undecided && args.tolerance_mm.is_none() {
         warnings.push(if report.frames_used < LEAST_FRAMES {
             format!(

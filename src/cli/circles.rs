@@ -43,7 +43,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     circles::check(&options)?;
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
-    let doubts = calibration.doubt().into_iter().collect();
+    let doubts = calibration.doubts();
     let camera = Camera { calibration: &calibration, identity: &identity, doubts };
     pictures::run("circles", &args.images, camera, overlay, global, |image| {
         let subject = image.display().to_string();

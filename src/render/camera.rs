@@ -142,6 +142,7 @@ impl Optics {
             lens,
             homography_mm: plane_homography(pixel_mm * focal_px, tilt, roll),
             covariance: None,
+            mirrored: false,
         };
         let calibration = Calibration {
             name: "rendered camera (true values)".into(),

@@ -40,7 +40,8 @@ pub fn render(
     let homography_mm = to_image.try_inverse().ok_or_else(|| {
         Error::measure("target", "is seen edge on", "hold it so that its face is seen")
     })?;
-    let mapping = Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None };
+    let mapping =
+        Mapping::Pinhole { lens: lens.clone(), homography_mm, covariance: None, mirrored: false };
     let calibration = Calibration { name: String::new(), mapping, laser: None, gamma: 1.0 };
     let (width, height) = (lens.width_px, lens.height_px);
     let view = calibration.view(width as usize, height as usize)?;

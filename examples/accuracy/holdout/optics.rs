@@ -68,7 +68,12 @@ impl Camera {
         let mapping = match self {
             Self::Pinhole(pinhole) => {
                 let Pinhole { lens, to_plane, .. } = pinhole.as_ref();
-                Mapping::Pinhole { lens: lens.clone(), homography_mm: *to_plane, covariance: None }
+                Mapping::Pinhole {
+                    lens: lens.clone(),
+                    homography_mm: *to_plane,
+                    covariance: None,
+                    mirrored: false,
+                }
             }
             Self::Scale { mm_per_px, turn_rad } => {
                 Mapping::Scale { mm_per_px: *mm_per_px, rotation_deg: turn_rad.to_degrees() }

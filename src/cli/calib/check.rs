@@ -81,7 +81,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let table_given = ends_in(&args.inputs[0], &["csv"]);
     match (args.diameter_mm, table_given, &args.inputs[..]) {
         (None, true, [path]) => {
-            let mut warnings: Vec<String> = calibration.doubt().into_iter().collect();
+            let mut warnings: Vec<String> = calibration.doubts();
             let captures = read_captures(path, &mut warnings)?;
             global.reads(path, captures.iter().map(|c| &c.path))?;
             let mut report = check::plane(&captures, &calibration, args.tolerance_mm)

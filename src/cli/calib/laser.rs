@@ -31,7 +31,7 @@ pub struct Args {
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let mut calibration = Calibration::read(&args.calib)?;
-    let mut warnings: Vec<String> = calibration.doubt().into_iter().collect();
+    let mut warnings: Vec<String> = calibration.doubts();
     let burns = laser::read(&args.burns, &mut warnings)?;
     global.reads(&args.burns, burns.iter().map(|b| &b.path))?;
     let mut report = laser::calibrate(&burns, &calibration, args.diameter_mm)

@@ -91,7 +91,7 @@ pub fn measure(
         let told = doubts.into_iter().map(|doubt| format!("{}: {doubt}", capture.image));
         measured.report.warnings.extend(told);
     }
-    measured.report.warnings.extend(calibration.doubt());
+    measured.report.warnings.extend(calibration.doubts());
     measured.report.warnings.extend(units::sizes(sizes));
     if let Some(laser) = &calibration.laser {
         measured.report.refer_to_laser(laser);
