@@ -246,7 +246,7 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
     for (i, jpeg) in frames(pictures.path(), PLACE, 6).iter().enumerate() {
         let bytes = if i == 2 { &jpeg[..jpeg.len() / 3] } else { &jpeg[..] };
         // Named as a batch would take it too; what it is, its content says.
-        let ending = if i == 5 { "ppm" } else { "jpg" };
+        let ending = ["png", "jpg", "jpg", "jpg", "jpg", "ppm"][i];
         std::fs::write(pictures.picture(&format!("{i}.{ending}")), bytes).unwrap();
     }
     std::fs::write(pictures.picture(".6.jpg"), "half a copy").unwrap();
@@ -268,12 +268,15 @@ fn a_folder_is_read_picture_by_picture_and_none_is_dropped() {
     // Enough is enough: three frames that agree end it.
     let (json, code, _) = pictures.center("0.01", &[]);
     assert_eq!((code, json["frames_seen"].as_u64()), (Some(0), Some(4)), "{json:#}");
+    assert!(json["verdict"].is_null(), "nothing is judged without a tolerance: {json:#}");
     // What is seen is never drawn over a picture that is looked at.
-    let own = pictures.picture("0.jpg");
+    let own = pictures.picture("0.png");
     let before = std::fs::read(&own).unwrap();
     let (_, code, words) = pictures.center(NEVER, &["--overlay", own.to_str().unwrap()]);
-    assert!(code == Some(2) && words.contains("--overlay") && words.contains("0.jpg"), "{words}");
+    assert!(code == Some(2) && words.contains("--overlay") && words.contains("0.png"), "{words}");
     assert_eq!(std::fs::read(&own).unwrap(), before);
+    let (_, code, words) = pictures.center(NEVER, &["--overlay", "seen.jpg"]);
+    assert!(code == Some(2) && words.contains("ends in .png"), "{words}");
 }
 
 #[test]

@@ -8,13 +8,14 @@ use super::outfiles::OutFile;
 use super::{Global, Outcome, Status, result, seconds};
 use crate::camera::Calibration;
 use crate::draw;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::frame::named::ends_in;
 use crate::live::average::LEAST_FRAMES;
 use crate::live::center::{self, News, Options, Report};
 use crate::live::store::{Position, Store};
 use crate::live::{self, Feed};
 use crate::output::{Document, write_whole};
-use crate::uncertainty::{Verdict, text};
+use crate::uncertainty::text;
 
 /// Guides over a rim or a round mark with a live picture: its offset from the camera axis and the moves that centre it
 #[derive(Debug, clap::Args)]
@@ -69,6 +70,10 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         tolerance_mm: args.tolerance_mm,
         timeout: seconds("--timeout-s", args.timeout_s)?,
     };
+    if let Some(path) = args.overlay.as_deref().filter(|p| !ends_in(p, &["png"])) {
+        let reason = format!("'{}' is to hold a PNG picture", path.display());
+        return Err(Error::option("--overlay", reason, "give a name that ends in .png"));
+    }
     let at = args.at.as_deref().map(Position::parse).transpose()?;
     let calibration = Calibration::read(&args.calib)?;
     let mut store = args.store.as_deref().map(Store::open).transpose()?;
@@ -79,7 +84,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let made = center::run(&mut feed, &calibration, &options, |news| {
         if let (News::Seen(report, frame, view, ring), Some(path)) = (&news, &args.overlay) {
             let due = drawn.is_none_or(|t| t.elapsed() > Duration::from_secs(1));
-            if due || report.verdict == Verdict::Pass {
+            if due || report.is_done() {
                 write_whole(path, &draw::center(frame, view, ring, report)?)?;
                 drawn = Some(Instant::now());
             }
@@ -90,7 +95,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     terminal.end();
     let report = &made.report;
     let mut warnings: Vec<String> = calibration.doubts();
-    if report.verdict == Verdict::Undecided && args.tolerance_mm.is_none() {
+    if !report.is_done() && args.tolerance_mm.is_none() {
         warnings.push(if report.frames_used < LEAST_FRAMES {
             format!(
                 "{} frames show the centre in one place, {} have to: let more come",
@@ -116,8 +121,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let output = Output { report, center_machine_mm: there, stored };
     let json = result("center", &args.source, &warnings, &output);
     warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-    let status =
-        if report.verdict == Verdict::Pass { Status::Good } else { Status::OutOfTolerance };
+    let status = if report.is_done() { Status::Good } else { Status::OutOfTolerance };
     let words = table(report, args.tolerance_mm.is_some());
     Ok(Outcome { document: Some(Document::single(json, words)), status })
 }
@@ -206,9 +210,8 @@ fn table(r: &Report, judged: bool) -> String {
         r.dropped,
         r.reconnects,
         match (judged, r.verdict) {
-            (true, verdict) => format!("verdict         {verdict}"),
-            (false, Verdict::Pass) =>
-                "as sure as asked (no --tolerance-mm: nothing is judged)".to_owned(),
+            (true, Some(verdict)) => format!("verdict         {verdict}"),
+            (_, None) => "as sure as asked (no --tolerance-mm: nothing is judged)".to_owned(),
             (false, _) => "not as sure as asked".to_owned(),
         }
     )

@@ -66,11 +66,16 @@ pub struct Report {
     pub reconnects: u64,
     /// Frames looked at per second.
     pub frames_per_s: f64,
-    /// Whether the asked uncertainty (and the tolerance, where one is given) was reached.
-    pub verdict: Verdict,
+    /// Whether the tolerance is kept; `undecided` below the asked uncertainty, `null` where that is reached and no tolerance is given.
+    pub verdict: Option<Verdict>,
 }
 
 impl Report {
+    /// Whether all that was asked for is reached.
+    pub fn is_done(&self) -> bool {
+        matches!(self.verdict, None | Some(Verdict::Pass))
+    }
+
     fn count(&mut self, seen: usize, failed: usize, stats: Stats) {
         (self.frames_seen, self.frames_failed) = (seen, failed);
         (self.received, self.dropped, self.reconnects) =
@@ -163,7 +168,7 @@ pub fn run(
         report.count(seen, failed, feed.stats());
         report.frames_per_s = (seen - 1) as f64 / first.elapsed().as_secs_f64().max(1e-9);
         tell(News::Seen(&report, &frame, view, &ring))?;
-        let done = report.verdict == Verdict::Pass;
+        let done = report.is_done();
         last = Some(Centred { report, shot });
         if done {
             break;
@@ -235,9 +240,9 @@ fn report(
     let (distance_mm, distance_u95_mm) = distance(average.mean, covariance, f64::INFINITY);
     let good = average.n >= LEAST_FRAMES && u95.max() <= options.u95_mm;
     let verdict = match (good, options.tolerance_mm) {
-        (false, _) => Verdict::Undecided,
-        (true, Some(limit)) => Verdict::of(distance_mm, distance_u95_mm, limit),
-        (true, None) => Verdict::Pass,
+        (false, _) => Some(Verdict::Undecided),
+        (true, Some(limit)) => Some(Verdict::of(distance_mm, distance_u95_mm, limit)),
+        (true, None) => None,
     };
     Report {
         offset_mm: average.mean.into(),
