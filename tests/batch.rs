@@ -448,6 +448,11 @@ fn burns_at_known_heights_are_data_for_diagnose() {
             .map(|line| serde_json::from_str(line).unwrap())
             .collect();
     let [low, high] = [0, 1].map(|i| &rows[i]["offset_mm"]);
+    // Each is corrected for its own height, not for the job's.
+    for (row, height_mm) in rows.iter().zip([20.0, 47.0]) {
+        let b_deg = -(row["offset_mm"][0].as_f64().unwrap() / height_mm).atan().to_degrees();
+        assert!((row["correction"]["b_deg"].as_f64().unwrap() - b_deg).abs() < 1e-9, "{row:#}");
+    }
     let burns = format!(
         "height_mm,power_w,b_deg,temp_c,dx_mm,dy_mm,x_image\n20.0,500.0,0.0,21.5,{},{},\"low, first.png\"\n47.0,500.0,-30.0,21.5,{},{},high.png\n",
         low[0], low[1], high[0], high[1]
@@ -455,6 +460,15 @@ fn burns_at_known_heights_are_data_for_diagnose() {
     assert_eq!(std::fs::read_to_string(dir.path().join("out/burns.csv")).unwrap(), burns);
     let (code, said) = run("diagnose burn --plan-only --data out/burns.csv --noise-mm 0.002");
     assert_eq!(code, Some(0), "{said}");
+    // What no burn has is refused before anything is measured, what looks like metres told.
+    for (cells, words) in [("-47,500,0", "'height_mm': -47"), ("47,0,0", "'power_w': 0")] {
+        write("no.csv", &format!("image,height_mm,power_w,b_deg\nhigh.png,{cells}\n"));
+        let (code, said) = run("batch no.csv --job job.toml --out no");
+        assert!(code == Some(2) && said.contains(&format!("no.csv:2: column {words}")), "{said}");
+    }
+    write("m.csv", "image,height_mm,power_w,b_deg\nhigh.png,0.047,500,0\n");
+    let (_, said) = run("batch m.csv --job job.toml --out m");
+    assert!(said.contains("warning: m.csv:2: column 'height_mm' is 0.047"), "{said}");
     // Half of what is needed, and burns' columns for what is no burn.
     write("half.csv", "image,height_mm,power_w\nhigh.png,47,500\n");
     let (code, said) = run("batch half.csv --job job.toml --out half");

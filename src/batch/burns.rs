@@ -3,7 +3,9 @@
 use serde_json::{Map, Value};
 
 use crate::error::{Error, Result};
+use crate::measure::burn;
 use crate::table::Table;
+use crate::units;
 
 /// The table of such burns in a batch's folder.
 pub(super) const FILE: &str = "burns.csv";
@@ -36,7 +38,39 @@ pub(super) fn made(table: &Table, row: usize) -> Result<Burnt> {
             fix,
         ));
     }
-    told.into_iter().map(|name| Ok((name.to_owned(), table.number(row, name)?.into()))).collect()
+    told.into_iter().map(|name| Ok((name.to_owned(), known(table, row, name)?.into()))).collect()
+}
+
+/// A cell that a burn can have.
+fn known(table: &Table, row: usize, name: &str) -> Result<f64> {
+    let value = table.number(row, name)?;
+    let fix = match name {
+        "height_mm" => "give how much higher the ring was burnt than the spot, in mm",
+        "power_w" => "give the power the ring was burnt with, in W",
+        _ => return Ok(value),
+    };
+    if value > 0.0 {
+        return Ok(value);
+    }
+    Err(table.error(row, name, format!("{value} is not a number above 0"), fix))
+}
+
+/// How much higher the ring was burnt than the spot, where the manifest tells.
+fn height_mm(burnt: &Burnt) -> Option<f64> {
+    burnt.get("height_mm")?.as_f64()
+}
+
+/// A job's options at the height that the manifest tells of one burn: it knows better than the job, which holds for all.
+pub(super) fn at_height(job: &burn::Options, burnt: &Burnt) -> burn::Options {
+    let ring_height_mm =
+        height_mm(burnt).map_or(job.ring_height_mm, |height| job.spot_height_mm + height);
+    burn::Options { ring_height_mm, ..job.clone() }
+}
+
+/// A height of a manifest's row that looks as if it were in another unit.
+pub(super) fn doubt(table: &Table, row: usize, burnt: &Burnt) -> Option<String> {
+    let place = format!("{}:{}: column 'height_mm'", table.path().display(), table.line(row));
+    units::height(&place, height_mm(burnt)?)
 }
 
 /// A row of the table: how a burn was made, what was measured of it, and its picture. `None` where one of them is not known.

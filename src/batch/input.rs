@@ -37,13 +37,15 @@ pub struct Item {
     pub calib: Option<PathBuf>,
     /// How a burn was made, where the manifest tells.
     pub(super) burnt: Burnt,
+    /// What looks wrong about that.
+    pub(super) doubt: Option<String>,
     /// The manifest's columns of the user's own (`x_serial`), for the results.
     pub(super) own: Map<String, Value>,
 }
 
 impl Item {
     fn new(name: String, path: PathBuf) -> Self {
-        Self { name, path, calib: None, burnt: Burnt::new(), own: Map::new() }
+        Self { name, path, calib: None, burnt: Burnt::new(), doubt: None, own: Map::new() }
     }
 }
 
@@ -200,9 +202,21 @@ fn manifest(path: &Path, kind: Kind) -> Result<Vec<Item>> {
             let own = table.names().iter().filter(|name| name.starts_with("x_"));
             let own = own.map(|name| (name.clone(), word(table.text(row, name)))).collect();
             let burnt = burns::made(&table, row)?;
-            Ok(Item { path: base.join(&name), name, calib, burnt, own })
+            let doubt = burns::doubt(&table, row, &burnt);
+            Ok(Item { path: base.join(&name), name, calib, burnt, doubt, own })
         })
         .collect()
+}
+
+/// A word on burns whose heights look wrong.
+pub(super) fn doubt(items: &[Item]) -> Option<String> {
+    let mut doubts = items.iter().filter_map(|item| item.doubt.as_ref());
+    let first = doubts.next()?;
+    let more = match doubts.count() {
+        0 => String::new(),
+        n => format!(" ({n} more rows are so)"),
+    };
+    Some(format!("warning: {first}{more}"))
 }
 
 /// A cell as results hold it: what can be written back the same way as a whole number is one, the rest is text.

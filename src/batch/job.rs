@@ -7,6 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, Value};
 
+use super::burns;
 use super::input::{Item, Kind};
 use super::keys::Keys;
 use super::limits::{self, Limit, Limits};
@@ -229,7 +230,9 @@ impl Prepared<'_> {
         let report = match &self.job.measure {
             Method::Burn(options) => {
                 let picture = self.picture(item, bytes)?;
-                let measured = burn::measure(&picture, calibration, options, name)?;
+                let options = burns::at_height(options, &item.burnt);
+                let mut measured = burn::measure(&picture, calibration, &options, name)?;
+                measured.report.warnings.extend(item.doubt.clone());
                 if wanted {
                     let png = draw::burn(&picture, calibration, &measured, name)?;
                     overlays.push((overlay_stem(name) + ".png", png));

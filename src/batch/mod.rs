@@ -144,7 +144,8 @@ fn run_with(
         }
         None => {
             let items = input::list(&options.input, kind)?;
-            replaced(&items, &journal, until).into_iter().for_each(meanwhile.say);
+            let told = replaced(&items, &journal, until).into_iter().chain(input::doubt(&items));
+            told.for_each(meanwhile.say);
             measure_all(&pending(&items, &journal))?;
             items
         }
