@@ -35,19 +35,21 @@ pub fn swept_angles(name: &str, values: &[f64]) -> Option<String> {
 pub fn angles(name: &str, values: &[f64]) -> Option<String> {
     /// Numbers are rounded to three decimals or more.
     const ROUNDED: f64 = 6e-4;
+    /// Of one angle to four decimals or more; one in degrees lies so near to a multiple once in a thousand times.
+    const EXACT: f64 = 6e-5;
     let step = 5f64.to_radians();
-    let mut multiples = BTreeSet::new();
+    let (mut multiples, mut exact) = (BTreeSet::new(), true);
     for v in values.iter().filter(|v| **v != 0.0) {
         let multiple = (v / step).round();
         if multiple == 0.0 || v.abs() > MOST_RADIANS || (v - multiple * step).abs() > ROUNDED {
             return None;
         }
         multiples.insert(multiple as i64);
+        exact &= multiple % 3.0 == 0.0 || (v - multiple * step).abs() < EXACT;
     }
-    // Of fewer angles, quarters and twelfths of a turn to more digits than people set degrees to.
+    // Of fewer angles, to more digits than people set degrees to: quarters and twelfths of a turn, and what is exact.
     let set = |v: &f64| (v * 100.0 - (v * 100.0).round()).abs() < 1e-6;
-    let few =
-        multiples.iter().all(|m| m % 3 == 0) && !values.iter().filter(|v| **v != 0.0).any(set);
+    let few = exact && !values.iter().filter(|v| **v != 0.0).any(set);
     (multiples.len() >= 3 || !multiples.is_empty() && few).then(|| {
         format!("column '{name}' has multiples of 5° in radians alone: if it is in radians, turn it into degrees")
     })
@@ -176,12 +178,14 @@ mod tests {
             degrees.iter().map(|d| (1e4 * d.to_radians()).round() / 1e4).collect();
         assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
         assert!(angles("c_deg", &[0.0, 2.0944]).is_some());
+        assert!(angles("c_deg", &[0.0, 1.7453]).is_some());
         for right in [
             degrees,
             vec![0.0; 4],
             vec![-6.0, -3.0, 3.0, 6.0],
             vec![-0.002, 0.001, 2.3562],
             vec![0.0, 1.57],
+            vec![0.0, 1.745],
         ] {
             assert_eq!(angles("b_deg", &right), None);
         }
