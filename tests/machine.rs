@@ -427,6 +427,17 @@ fn a_tool_direction_gives_all_solutions_and_names_the_singular_one() {
     assert_eq!(rows[2][7], "B outside its limits");
     assert_eq!(rows[3][7], "tool along C: C is free");
     assert_eq!(rows.len(), 4, "{out}");
+    // A pose that no solution within the limits holds is counted; one that another solution holds is not.
+    std::fs::write(&poses, "x_mm,y_mm,z_mm,i,j,k\n5,6,7,0.866025403784,0,0.5\n5,6,7,0,0,-1\n")
+        .unwrap();
+    let output = Command::cargo_bin("pivotsight")
+        .unwrap()
+        .args(["rtcp", "inverse", "--machine"])
+        .args([&machine, Path::new("--poses"), &poses])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(said.contains("warning: 1 of 2 poses lie outside the axes' limits"), "{said}");
 }
 
 #[test]
@@ -439,7 +450,11 @@ fn bad_poses_are_refused_by_line_and_column() {
         ("x_mm,y_mm,z_mm,b_deg,c_rad\n1,2,3,4,5\n", "column 'c_rad': is not known"),
         ("x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,NaN,4,5\n", ":2: column 'z_mm'"),
         ("", "is empty"),
-        ("x_mm,y_mm,z_mm,i,j,k\n1,2,3,0,0,0\n", "all zero"),
+        ("x_mm,y_mm,z_mm,i,j,k\n1,2,3,0,0,0\n", "length of i, j, k is 0.000000"),
+        (
+            "x_mm,y_mm,z_mm,i,j,k\n1,2,3,0,0,1\n1,2,3,0,0,5\n",
+            ":3: column 'i': the length of i, j, k is 5",
+        ),
         ("x_mm,y_mm,z_mm,i,j,k,b_deg\n1,2,3,0,0,1,5\n", "column 'b_deg': does not go"),
     ] {
         let poses = folder.path().join("poses.csv");

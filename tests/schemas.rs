@@ -193,7 +193,7 @@ fn every_output_keeps_its_schema() {
     write("poses.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n10,20,30,40,50\n");
     check(&format!("rtcp inverse --machine {machine} --poses poses.csv"), &["/poses/0/jx_mm"]);
     check(&format!("rtcp forward --machine {machine} --poses poses.csv"), &["/poses/0/px_mm"]);
-    write("directions.csv", "x_mm,y_mm,z_mm,i,j,k\n10,20,30,0.5,0,1\n");
+    write("directions.csv", "x_mm,y_mm,z_mm,i,j,k\n10,20,30,0.6,0,0.8\n");
     check(&format!("rtcp inverse --machine {machine} --poses directions.csv"), &["/poses/1/note"]);
     check(&format!("verify --machine {machine} --plan sweep"), &["/files/1"]);
     let sweep = "--data sweep/poses.csv --noise-mm 0.001";

@@ -111,7 +111,7 @@ fn pose<'a>(
         6 => {
             let direction = Vector3::new(i, j, k);
             let norm = direction.norm();
-            if (norm - 1.0).abs() > 1e-3 {
+            if !ToolPose::is_direction(&direction) {
                 return Err((
                     format!("the tool vector's length is {norm:.6}"),
                     "give a unit vector i j k",

@@ -19,6 +19,13 @@ pub struct ToolPose {
     pub direction: Vector3<f64>,
 }
 
+impl ToolPose {
+    /// Whether a vector is of length 1, to the digits that files give.
+    pub fn is_direction(vector: &Vector3<f64>) -> bool {
+        (vector.norm() - 1.0).abs() <= 1e-3
+    }
+}
+
 /// A machine of three linear and two rotary axes, each in the head or in the table.
 ///
 /// At zero of all joints the tool point is at the machine frame's origin, the tool points to +Z,

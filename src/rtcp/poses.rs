@@ -106,18 +106,21 @@ fn one_by_one(chain: &Chain, table: &Table, rotary: &[String; 2], way: Way) -> R
     for name in rotary {
         warnings.extend(units::angles(name, &table.column(name)?));
     }
-    if outside > 0 {
-        warnings.push(format!("{outside} of {} poses lie outside the axes' limits", rows.len()));
-    }
+    warnings.extend(out_of_limits(outside, rows.len()));
     let names = input.into_iter().chain(output).map(str::to_owned).collect();
     Ok(Poses { names, rows, warnings })
+}
+
+/// A count of the poses that the axes do not reach.
+fn out_of_limits(outside: usize, poses: usize) -> Option<String> {
+    (outside > 0).then(|| format!("{outside} of {poses} poses lie outside the axes' limits"))
 }
 
 /// The tool's direction is given: a row for each solution, with the turns nearest to the last pose's.
 fn all_solutions(chain: &Chain, table: &Table, rotary: &[String; 2]) -> Result<Poses> {
     let given = ["x_mm", "y_mm", "z_mm", "i", "j", "k"];
     let mut rows = Vec::new();
-    let mut unreachable = 0;
+    let (mut unreachable, mut outside) = (0, 0);
     let mut near = [0.0; 5];
     for r in 0..table.rows() {
         let mut pose = [0.0; 6];
@@ -126,13 +129,17 @@ fn all_solutions(chain: &Chain, table: &Table, rotary: &[String; 2]) -> Result<P
         }
         let [x, y, z, i, j, k] = pose;
         let direction = Vector3::new(i, j, k);
-        if direction.norm() < 1e-9 {
-            let fix = "give the tool's direction, from the tool point up the tool";
-            return Err(table.error(r, "i", "i, j, k are all zero", fix));
+        if !ToolPose::is_direction(&direction) {
+            let reason = format!("the length of i, j, k is {:.6}", direction.norm());
+            let fix =
+                "give the tool's direction, from the tool point up the tool, as a unit vector";
+            return Err(table.error(r, "i", reason, fix));
         }
         let position_mm = Vector3::new(x, y, z);
         let solutions = chain.inverse(&ToolPose { position_mm, direction }, &near);
         unreachable += usize::from(solutions.is_empty());
+        // Those within the limits come first.
+        outside += usize::from(solutions.first().is_some_and(|s| s.outside.is_some()));
         near = solutions.first().map_or(near, |s| s.joints);
         for (n, s) in solutions.iter().enumerate() {
             let [jx, jy, jz, a, b] = s.joints;
@@ -148,6 +155,7 @@ fn all_solutions(chain: &Chain, table: &Table, rotary: &[String; 2]) -> Result<P
         warnings
             .push(format!("{unreachable} of {all} directions are out of the rotary axes' reach"));
     }
+    warnings.extend(out_of_limits(outside, table.rows()));
     let [a, b] = rotary;
     let names = ["pose", "solution", "jx_mm", "jy_mm", "jz_mm", a, b, "note"];
     Ok(Poses { names: names.map(str::to_owned).to_vec(), rows, warnings })
