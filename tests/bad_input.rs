@@ -138,6 +138,14 @@ fn slips_of_the_hand_get_a_hint() {
     refused(dir, "burn . --calib calib.toml", &["folder"]);
     refused(dir, "batch b*.jpg --job job.toml --out o", &["b*.jpg", "nothing to measure"]);
     refused(dir, "rotary sweep.csv --pivot-mm 0", &["--pivot-mm"]);
+    refused(dir, "verify --machine machine.toml --data rtcp.csv --noise-mm 0", &["--noise-mm"]);
+    refused(dir, "align blank.csv --z-ideal-mm 1e300", &["--z-ideal-mm"]);
+    let posted = "align apply --align align.json --machine machine.toml path.apt o.nc";
+    refused(dir, &format!("{posted} --feed-mm-min 1e300"), &["--feed-mm-min", "faster"]);
+    for what in ["diagnose", "simulate"] {
+        let line = format!("{what} rtcp --model machine.toml --data rtcp.csv --calib none.toml");
+        refused(dir, &line, &["--calib", "rod"]);
+    }
     refused(dir, "circles burn.png --calib calib.toml --expect-mm 900", &["900"]);
     let one = "circles burn.png --calib calib.toml --expect-mm 5.75 --expect-mm";
     refused(dir, &format!("{one} 5.3"), &["one circle only", "5.75", "5.3"]);

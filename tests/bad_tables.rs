@@ -68,6 +68,13 @@ fn wrong_cells_are_named_with_line_and_column() {
     let rtcp = "rtcp inverse --machine machine.toml --poses t.csv";
     says("t.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,4,inf\n", rtcp, &["t.csv:2", "c_deg"]);
     says("t.csv", "x_mm,y_mm,z_mm,a_deg,c_deg\n1,2,3,4,5\n", rtcp, &["a_deg"]);
+    says("t.csv", "x_mm,y_mm,z_mm,b_deg,c_deg\n1,2,3,40000,5\n", rtcp, &["t.csv:2", "b_deg"]);
+    let directed = "b_deg,c_deg,dx_mm,dy_mm,dz_mm,dir_b\n0,0,1,0,0,1\n10,0,0,0,1,up\n20,5,0,0,0,1\n30,9,0,0,0,1\n";
+    let verify = "verify --machine m.toml --data t.csv";
+    says("t.csv", directed, verify, &["t.csv:3", "dir_b", "'up'"]);
+    says("t.csv", &directed.replace("up", "7"), verify, &["t.csv:3", "dir_b", "not a direction"]);
+    let hot = "head_1_c,displacement_mm\n0,0\n8000,0.01\n4,0.02\n";
+    says("t.csv", hot, "thermal fit --head t.csv", &["t.csv:3", "head_1_c", "8000"]);
     // TOML: unknown keys, wrong types, impossible numbers.
     let solve = "solve t.toml";
     let session = std::fs::read_to_string(dir.join("session.toml")).unwrap();
@@ -75,6 +82,8 @@ fn wrong_cells_are_named_with_line_and_column() {
     says("t.toml", &session.replace("637.2948", "\"637,2948\""), solve, &["t.toml:"]);
     says("t.toml", &session.replace("637.2948", "nan"), solve, &["t.toml", "x1_mm"]);
     says("t.toml", &session.replace("x1_mm = 637.2948\n", ""), solve, &["t.toml", "x1_mm"]);
+    let above = |text: &str| text.replace("standoff_mm = 1.5", "standoff_mm = -300.0");
+    says("t.toml", &above(&session), solve, &["t.toml", "head.standoff_mm", "above the B axis"]);
     let machine = std::fs::read_to_string(dir.join("machine.toml")).unwrap();
     says(
         "t.toml",
@@ -82,6 +91,8 @@ fn wrong_cells_are_named_with_line_and_column() {
         "machine t.toml",
         &["t.toml", "r_mm"],
     );
+    says("t.toml", &machine.replace("214.7001", "0.0"), "machine t.toml", &["r_mm", "is 0"]);
+    says("t.toml", &above(&machine), "machine t.toml", &["head.standoff_mm", "above the B axis"]);
     says(
         "t.toml",
         &machine.replace("schema = 1", "schema = 9"),
@@ -91,6 +102,7 @@ fn wrong_cells_are_named_with_line_and_column() {
     let calib = std::fs::read_to_string(dir.join("calib.toml")).unwrap();
     let burn = "burn burn.png --calib t.toml";
     says("t.toml", &calib.replace("fx_px", "fx_mm"), burn, &["t.toml", "fx_mm"]);
+    says("t.toml", &calib.replace("cx_px = ", "cx_px = 9999"), burn, &["t.toml", "cx_px"]);
     says("t.toml", "schema = 1\n[scale]\nmm_per_px = 0.0\n", burn, &["t.toml", "mm_per_px"]);
     let curved = format!("{calib}\n[sensor]\ngamma = 0.0\n");
     says("t.toml", &curved, burn, &["t.toml", "sensor.gamma", "2.2"]);

@@ -17,6 +17,9 @@ use crate::output::write_streamed;
 /// The longest line of a program, in bytes.
 const MOST_LINE: u64 = 1 << 20;
 
+/// No machine moves as fast.
+const MOST_FEED_MM_MIN: f64 = 1e6;
+
 /// How a program is written.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize, schemars::JsonSchema,
@@ -81,6 +84,10 @@ impl Options {
     fn forms(&self, input: &Path, output: &Path) -> Result<(Form, Form)> {
         above_zero("--tolerance-mm", self.tolerance_mm, "give for example 0.005")?;
         above_zero("--feed-mm-min", self.feed_mm_min, "give a feed")?;
+        if self.feed_mm_min > MOST_FEED_MM_MIN {
+            let fix = "give a feed in mm/min, 1000000 at most";
+            return Err(Error::option("--feed-mm-min", "is faster than any machine", fix));
+        }
         if self.decimals.is_some_and(|d| d > 12) {
             return Err(Error::option("--decimals", "is out of range", "give 0 to 12"));
         }

@@ -17,6 +17,9 @@ const LEAST_OF_FEW_MM: f64 = 0.0005;
 /// Opposite sides lie farther apart than this part of what the end face was touched over.
 const ONE_SIDE: f64 = 0.05;
 
+/// Lengths in mm and angles in degrees lie below.
+const MOST: f64 = 1e6;
+
 /// What is known beside the touches.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Options {
@@ -39,8 +42,8 @@ impl Options {
             ("--center-ideal-mm", oy),
             ("--c-deg", self.c_deg),
         ] {
-            if !v.is_finite() {
-                return Err(Error::option(option, "is not finite", "give a number"));
+            if !(v.is_finite() && v.abs() < MOST) {
+                return Err(Error::option(option, "is beyond any machine", "give mm or degrees"));
             }
         }
         let fix = "give the standard uncertainty of a touch in mm";

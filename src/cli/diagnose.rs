@@ -1,7 +1,7 @@
 //! `pivotsight diagnose`: what the machine model lacks, by name where the evidence allows it.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args as ClapArgs;
 
@@ -70,8 +70,20 @@ pub struct Planned {
     detectable: Vec<Detectable>,
 }
 
+/// Refuses a calibration that nothing is done with.
+pub(super) fn is_of_rod(kind: DataKind, calib: Option<&Path>) -> Result<()> {
+    match calib {
+        Some(_) if kind != DataKind::Rod => {
+            let reason = format!("{} data are not seen by a camera", kind.name());
+            Err(Error::option("--calib", reason, "leave it out, it is for rod"))
+        }
+        _ => Ok(()),
+    }
+}
+
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    is_of_rod(args.kind, args.calib.as_deref())?;
     let source = Source {
         kind: args.kind,
         data: args.data.clone(),

@@ -54,6 +54,7 @@ const LABELS: [&str; 3] = ["axis", "capture", "path"];
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
+    super::diagnose::is_of_rod(args.kind, args.calib.as_deref())?;
     let made = simulate(&Options {
         source: Source {
             kind: args.kind,

@@ -31,7 +31,8 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     global.reads(&args.session, &session.files)?;
     let solved = solve(&session.readings).map_err(|e| e.in_file(&args.session, None))?;
     let machine = solved.machine(&session.name, session.c_sense, session.standoff_mm.value);
-    let solution = Solution::new(&session, &solved, &machine)?;
+    let solution =
+        Solution::new(&session, &solved, &machine).map_err(|e| e.in_file(&args.session, None))?;
     let mut warnings = session.warnings.clone();
     warnings.extend(doubts(&solved, &solution));
     if let Some(path) = &args.write_machine

@@ -227,20 +227,23 @@ impl Machine {
 
     fn checked(path: &Path, mut machine: Self) -> Result<Self> {
         let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
-        if machine.head.r_mm == unsaid() {
-            // A head that does not turn, or whose axes' lines are given, needs no R.
-            let in_head = machine.kinematics.order.split('b').nth(1).unwrap_or("");
-            let turns = |name: char| {
-                in_head.contains(name)
-                    && machine.axes.get(&name.to_string()).is_none_or(|a| a.point_mm.is_none())
-            };
-            if ['A', 'B'].into_iter().any(turns) {
-                return Err(named((
-                    "head.r_mm".to_owned(),
-                    "is missing".to_owned(),
-                    "give R in mm, from the head's rotary axis down to the nozzle's end face: [head] r_mm = 214.7",
-                )));
-            }
+        // A head that does not turn, or whose axes' lines are given, needs no R.
+        let in_head = machine.kinematics.order.split('b').nth(1).unwrap_or("");
+        let turns = |name: char| {
+            in_head.contains(name)
+                && machine.axes.get(&name.to_string()).is_none_or(|a| a.point_mm.is_none())
+        };
+        let is_said = machine.head.r_mm != unsaid();
+        if ['A', 'B'].into_iter().any(turns) && (!is_said || machine.head.r_mm == 0.0) {
+            let reason =
+                if is_said { "is 0: the nozzle would be on the axis" } else { "is missing" };
+            return Err(named((
+                "head.r_mm".to_owned(),
+                reason.to_owned(),
+                "give R in mm, from the head's rotary axis down to the nozzle's end face: [head] r_mm = 214.7",
+            )));
+        }
+        if !is_said {
             machine.head.r_mm = 0.0;
         }
         machine.check().map_err(named)?;

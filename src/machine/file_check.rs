@@ -7,6 +7,10 @@ use crate::machine::file::{AxisEntry, Effect, Head, Machine};
 /// Field, what is wrong with it, and what to do.
 type Check = std::result::Result<(), (String, String, &'static str)>;
 
+/// What a stand-off is.
+pub(crate) const FOCUS: &str =
+    "give the distance from the nozzle's end face down to the focus, in mm";
+
 impl Machine {
     /// The first thing in the file that cannot be.
     pub(super) fn check(&self) -> Check {
@@ -34,6 +38,10 @@ impl Machine {
                 reason,
                 "give the distance from the B axis down to the nozzle",
             ));
+        }
+        if r_mm > 0.0 && r_mm + standoff_mm <= 0.0 {
+            let reason = format!("is {standoff_mm}: the focus would be above the B axis");
+            return Err(("head.standoff_mm".into(), reason, FOCUS));
         }
         finite("table", self.table_point().as_slice())?;
         if let Some(target) = &self.target {

@@ -27,4 +27,5 @@ pub use entered::{Entered, entered, is_entered, is_told};
 pub use error_model::{ComponentError, Curve, LocationError, LocationKind};
 pub use figure::frames_svg;
 pub use file::{AxisEntry, Effect, Head, Kinematics, Machine, Table, Target};
+pub(crate) use file_check::FOCUS;
 pub use inverse::{Singularity, Solution};

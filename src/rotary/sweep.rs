@@ -127,14 +127,6 @@ impl Sweep {
         warnings.extend(units::corrections("comp_deg", &comp));
         for row in rows {
             let angle = table.number(row, "angle_deg")?;
-            if angle.abs() > 36_000.0 {
-                return Err(table.error(
-                    row,
-                    "angle_deg",
-                    format!("{angle} is no angle in degrees"),
-                    "correct it",
-                ));
-            }
             let angle_deg = if modulo { angle.rem_euclid(360.0) } else { angle };
             let dir = match (table.has("dir"), table.text(row, "dir")) {
                 (false, _) | (true, "") => None,

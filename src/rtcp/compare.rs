@@ -12,7 +12,7 @@ use super::verify::{self, Report, verify};
 use crate::diagnose::data::of_model;
 use crate::diagnose::data::rtcp::{RtcpExperiment, add_effects};
 use crate::diagnose::own;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::fit::robust::range;
 use crate::machine::{AxisName, DataKind, Machine, written_deg};
 use crate::uncertainty::{Contribution, K95, Verdict, budget};
@@ -97,12 +97,9 @@ pub struct Row {
 /// # Errors
 /// A tolerance or noise that is no length, fewer than four poses, a sweep of zeros alone, machine files of different axes.
 pub fn compare(machine: &Machine, files: Options) -> Result<Comparison> {
-    for (option, value) in
-        [("--tolerance-mm", files.tolerance_mm), ("--noise-mm", files.noise_mm.unwrap_or(0.0))]
-    {
-        if !(value.is_finite() && value >= 0.0) {
-            return Err(Error::option(option, format!("is {value}"), "give a length in mm"));
-        }
+    above_zero("--tolerance-mm", files.tolerance_mm, "give a length in mm")?;
+    if let Some(noise_mm) = files.noise_mm {
+        above_zero("--noise-mm", noise_mm, "give the standard uncertainty of a reading in mm")?;
     }
     let real = machine.chain()?;
     let control = match files.now {

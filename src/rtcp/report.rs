@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::solve::Solved;
 use super::{InControl, Limit, Session, deviation};
-use crate::error::Result;
-use crate::machine::Machine;
+use crate::error::{Error, Result};
+use crate::machine::{FOCUS, Machine};
 use crate::uncertainty::{Contribution, Measured, Verdict};
 
 /// B angles at which a change of the control's values is shown.
@@ -131,6 +131,13 @@ impl Solution {
             value: solved.r_mm.value + session.standoff_mm.value,
             u: solved.r_mm.u.hypot(session.standoff_mm.u),
         };
+        if focus.value <= 0.0 {
+            let reason = format!(
+                "is {}, R {:.1} mm: the focus would be above the B axis",
+                session.standoff_mm.value, solved.r_mm.value
+            );
+            return Err(Error::measure("head.standoff_mm", reason, FOCUS));
+        }
         let mut now = session.control.clone();
         if let Some(now) = now.as_mut().filter(|now| !now.from_file) {
             solved.turn(&mut now.machine);

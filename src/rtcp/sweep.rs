@@ -52,7 +52,14 @@ impl Sweep {
         let optional: Vec<&str> = conditions.iter().map(String::as_str).collect();
         let mut table = Table::read(path, &required, &optional)?;
         repeats::measured_once(&mut table, &DEVIATION, warnings);
-        Self::of(axes, table)
+        let sweep = Self::of(axes, table)?;
+        for name in sweep.conditions() {
+            let column = sweep.table.column(&name)?;
+            if name.starts_with("dir_") {
+                sweep.table.check_directions(&name, &column, warnings)?;
+            }
+        }
+        Ok(sweep)
     }
 
     /// The names of the columns that say where and how the poses were, as far as the file has them.

@@ -15,8 +15,10 @@ const MAX_ROWS: usize = 20_000_000;
 
 /// The largest number a cell may hold: squares and products of what is beyond are no numbers any more.
 const MOST: f64 = 1e15;
-/// The largest angle, degrees: a table turned a thousand times one way. Far beyond, sine and cosine are of the rounding.
-pub(crate) const MOST_DEG: f64 = 3.6e5;
+/// The largest angle, degrees: a table turned a hundred times one way.
+pub(crate) const MOST_DEG: f64 = 3.6e4;
+/// The highest temperature of a machine or its surroundings, °C.
+const MOST_C: f64 = 2e3;
 
 /// A CSV file held as text cells, addressed by column name.
 #[derive(Debug, Clone)]
@@ -203,7 +205,12 @@ impl Table {
                 "remove the row or measure it again",
             ));
         }
-        if value.abs() > if name.ends_with("_deg") { MOST_DEG } else { MOST } {
+        let most = match name.rsplit_once('_') {
+            Some((_, "deg")) => MOST_DEG,
+            Some((what, "c")) if what != "dir" => MOST_C,
+            _ => MOST,
+        };
+        if value.abs() > most {
             return Err(self.error(
                 row,
                 name,
@@ -326,13 +333,13 @@ mod tests {
             let message = parse(text).unwrap_err().to_string();
             assert!(message.contains(words), "{message}");
         }
-        let turns = Table::parse("t.csv", "a_deg\n720\n4e5\n", &["a_deg"], &[]).unwrap();
+        let turns = Table::parse("t.csv", "a_deg\n720\n4e4\n", &["a_deg"], &[]).unwrap();
         assert!(
             turns
                 .column("a_deg")
                 .unwrap_err()
                 .to_string()
-                .starts_with("t.csv:3: column 'a_deg': '4e5' is beyond")
+                .starts_with("t.csv:3: column 'a_deg': '4e4' is beyond")
         );
         let t = parse("a_mm\n1\nNaN\n").unwrap();
         assert!(
