@@ -99,10 +99,10 @@ impl Lens {
     }
 }
 
-/// What no lens can have: the field, what is wrong with it and what to do.
 /// Frames that a lens' axis may lie off: a frame may be a part of a far larger picture.
 const MOST_OFF: f64 = 10.0;
 
+/// What no lens can have: the field, what is wrong with it and what to do.
 pub(super) fn check_lens(lens: &Lens) -> std::result::Result<(), Complaint> {
     let numbers = [lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px];
     if !numbers.iter().chain(&lens.distortion).all(|v| v.is_finite()) {
