@@ -27,7 +27,7 @@ pub struct Source {
     pub calib: Option<PathBuf>,
     /// Effects of the user's own.
     pub effects: Option<PathBuf>,
-    /// Whether the rows were measured: then they have readings, and copies of rows are left out, which tell nothing. A plan may lack the one and
+    /// Whether the rows were measured: then they have all readings, and copies of rows are left out, which tell nothing. A plan may lack the one and
     /// want the other.
     pub measured: bool,
 }
@@ -79,12 +79,14 @@ impl Source {
             DataKind::Thermal => &["error_mm"],
             DataKind::Burn => &["dx_mm", "dy_mm"],
         };
-        let mut required = required.to_vec();
+        let mut table = Table::read(&self.data, required, optional)?;
         if self.measured {
-            required.extend(readings.iter().filter(|r| optional.contains(r)));
-        }
-        let mut table = Table::read(&self.data, &required, optional)?;
-        if self.measured {
+            // Some of the outputs alone would make another answer; none of them are a plan's, as will be said.
+            let there = readings.iter().filter(|name| table.has(name)).count();
+            if (1..readings.len()).contains(&there) {
+                let all = [required, readings].concat();
+                table = Table::read(&self.data, &all, optional)?;
+            }
             repeats::measured_once(&mut table, readings, warnings);
         }
         Ok(table)
