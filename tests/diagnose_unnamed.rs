@@ -105,3 +105,37 @@ fn a_lens_is_named_beside_a_rod_that_grows_in_a_way_without_a_name() {
         assert!(!unnamed["formula"].as_str().unwrap().contains("*1"), "{unnamed}");
     }
 }
+
+/// Edge points whose errors follow one another along the rim, in every capture anew: that is noise, whatever shape it has by chance.
+#[test]
+fn edges_that_wander_along_the_rim_are_noise() {
+    let mut normal = normal();
+    for whole in [true, false] {
+        let mut csv = String::from("capture,x_mm,y_mm,c_deg,u_px,v_px\n");
+        for k in 0..40_i32 {
+            let around = f64::from(k * 17 % 40) * 9.0;
+            let at = |deg: f64, r: f64| [r * deg.to_radians().cos(), r * deg.to_radians().sin()];
+            let [x, y] = at(around, if whole { 0.5 } else { 8.0 });
+            let mut error = normal();
+            for p in 0..60 {
+                error = 0.85 * error + (1.0_f64 - 0.85 * 0.85).sqrt() * normal();
+                let round = if whole { 6.0 } else { 0.8 };
+                let radius = if whole { 3.0 } else { 8.0 };
+                let edge = at(around + round * (f64::from(p) - 29.5), radius + 0.002 * error);
+                let (u, v) = (500.0 + (edge[0] - x) / 0.01, 500.0 - (edge[1] - y) / 0.01);
+                writeln!(csv, "{k},{x:.6},{y:.6},{},{u:.5},{v:.5}", k * 83 % 360).unwrap();
+            }
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let folder = folder.path();
+        std::fs::write(folder.join("calib.toml"), "schema = 1\n[scale]\nmm_per_px = 0.01\n")
+            .unwrap();
+        std::fs::write(folder.join("data.csv"), csv).unwrap();
+        let files =
+            ["diagnose", "rod", "--calib", "calib.toml", "--data", "data.csv", "--format", "json"];
+        let output = run(&files, folder);
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!(report["verdict"], "consistent", "{}{}", report["effects"], report["unnamed"]);
+        assert!(report["noise_source"].as_str().unwrap().contains("follow one another"));
+    }
+}

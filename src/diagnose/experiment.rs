@@ -231,8 +231,9 @@ pub struct Layout {
     pub directions: Vec<Direction>,
     /// What the observations may depend on.
     pub variables: Vec<Variable>,
-    /// Whether the values were read on the way, one after another: errors of neighbours may follow one another.
-    pub traced: bool,
+    /// Values whose errors may follow one another, in order and with their places along the way: those read one after another, or
+    /// neighbours along the edge of a capture. Between places that are 1 apart lies one step.
+    pub chains: Vec<Vec<(usize, f64)>>,
     /// Random parts shared within a capture: components, each of one or more columns.
     pub random: Vec<Vec<Vec<f64>>>,
     /// Angle on the artefact at which each value was seen; empty where there is no rim to have a form of its own.

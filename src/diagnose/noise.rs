@@ -44,14 +44,16 @@ pub struct Space {
     /// What all captures share, with its whitening at the ratios it was last asked for.
     rim: Option<Rim>,
     whitener: RefCell<Option<(Vec<f64>, Rc<Whitener>)>>,
-    /// What neighbours in the file share, where nothing else is shared.
+    /// What neighbours share.
     serial: Option<Serial>,
 }
 
 #[derive(Debug, Clone)]
 struct Group {
     rows: Vec<usize>,
-    /// Orthonormal basis of the capture's random columns.
+    /// The capture's random columns.
+    z: DMatrix<f64>,
+    /// Orthonormal basis of them, as far as they are no errors that follow one another.
     q: DMatrix<f64>,
     /// Random columns in that basis.
     r: DMatrix<f64>,
@@ -60,6 +62,10 @@ struct Group {
 impl Space {
     /// The space of a layout; observations that are not kept carry no weight.
     pub fn new(layout: &Layout, keep: &[bool]) -> Self {
+        Self::of(layout, keep, None)
+    }
+
+    fn of(layout: &Layout, keep: &[bool], serial: Option<Serial>) -> Self {
         let mut rows = vec![Vec::new(); layout.group_count()];
         for (i, &g) in layout.groups.iter().enumerate() {
             if keep[i] {
@@ -69,13 +75,18 @@ impl Space {
         let components: Vec<usize> =
             layout.random.iter().enumerate().flat_map(|(c, cols)| vec![c; cols.len()]).collect();
         let columns: Vec<&Vec<f64>> = layout.random.iter().flatten().collect();
+        let z = DMatrix::from_fn(layout.values.len(), columns.len(), |i, c| columns[c][i]);
+        let mut seen = z.clone();
+        if let Some(serial) = &serial {
+            serial.apply(&mut seen);
+        }
         let groups = rows
             .into_iter()
             .map(|rows| {
-                let z = DMatrix::from_fn(rows.len(), columns.len(), |i, c| columns[c][rows[i]]);
-                let q = orthonormal(&z, 1e-6);
-                let r = q.tr_mul(&z);
-                Group { rows, q, r }
+                let seen = seen.select_rows(&rows);
+                let q = orthonormal(&seen, 1e-6);
+                let r = q.tr_mul(&seen);
+                Group { z: z.select_rows(&rows), rows, q, r }
             })
             .collect();
         let mut space = Self {
@@ -86,7 +97,7 @@ impl Space {
             shared: Vec::new(),
             rim: None,
             whitener: RefCell::default(),
-            serial: None,
+            serial,
         };
         space.shared =
             (0..layout.directions.len()).map(|d| Shared::of(&space, layout, d)).collect();
@@ -95,7 +106,7 @@ impl Space {
 
     /// The space in which the errors of neighbours have this correlation.
     pub fn with_serial(layout: &Layout, keep: &[bool], neighbours: f64) -> Self {
-        Self { serial: Some(Serial::new(layout, keep, neighbours)), ..Self::new(layout, keep) }
+        Self::of(layout, keep, Some(Serial::new(layout, keep, neighbours)))
     }
 
     /// Correlation of the errors of neighbours, where it is part of the noise.
@@ -111,6 +122,9 @@ impl Space {
         tangent: &DMatrix<f64>,
         noise: &Noise,
     ) -> (f64, f64) {
+        if self.random_count() > 0 {
+            return serial::likeliest_within(layout, &self.keep, residual);
+        }
         let scaled = |columns: DMatrix<f64>| self.whiten_rest(columns, noise);
         let residual = DMatrix::from_column_slice(residual.len(), 1, residual);
         serial::likeliest(layout, &self.keep, &scaled(residual), &scaled(tangent.clone()))
@@ -190,7 +204,7 @@ impl Space {
         let (mut sum, mut count) = (0.0, 0.0);
         for group in &self.groups {
             for (k, &i) in group.rows.iter().enumerate() {
-                let z = group.q.row(k) * &group.r;
+                let z = group.z.row(k);
                 let mut shared: f64 =
                     z.iter().zip(&self.components).map(|(z, &c)| z * z * noise.ratios[c]).sum();
                 if let (Some(rim), Some(ratio)) = (&self.rim, noise.ratios.last()) {

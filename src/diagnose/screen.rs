@@ -97,7 +97,7 @@ fn following<'a>(
     least: f64,
 ) -> Option<Screened<'a>> {
     let layout = experiment.layout();
-    if !layout.traced {
+    if layout.chains.is_empty() {
         return None;
     }
     let fitter = &first.fitter;

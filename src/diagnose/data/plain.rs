@@ -213,6 +213,12 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
     let columns = data.numbers.iter().filter(|(name, _)| all || !passes(name));
     keys.extend(columns.map(|(_, c)| c.as_slice()).chain(data.head_c.iter().map(Vec::as_slice)));
     let sites = sites(&keys, rows);
+    // A ball bar reads on its way, one value after another.
+    let chain = |output: usize| (0..rows).map(|row| (row * k + output, row as f64)).collect();
+    let chains = match sort.kind {
+        DataKind::Ballbar => (0..k).map(chain).collect(),
+        _ => Vec::new(),
+    };
     Layout {
         values: (0..rows * k).map(|i| measured[i % k][i / k]).collect(),
         groups: (0..rows * k).map(|i| i / k).collect(),
@@ -220,7 +226,7 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
         classes: (0..rows * k).map(|i| i % k).collect(),
         directions,
         variables,
-        traced: sort.kind == DataKind::Ballbar,
+        chains,
         random: Vec::new(),
         rim_deg: Vec::new(),
     }

@@ -1,10 +1,9 @@
 //! `rod` data: edge points of a check rod in pixels, capture by capture.
 
 mod layout;
+mod planned;
 mod read;
 mod sense;
-
-use std::f64::consts::TAU;
 
 use nalgebra::{Complex, Vector2};
 
@@ -198,10 +197,8 @@ impl Rim<'_> {
     }
 }
 
-/// Edge points of a planned capture.
-const PLANNED_POINTS: i32 = 24;
-/// C angles of planned captures.
-const PLANNED_ANGLES: i32 = 9;
+/// Captures that are planned, about.
+const PLANNED_CAPTURES: usize = 96;
 
 /// A `rod` experiment.
 pub struct RodExperiment {
@@ -297,27 +294,26 @@ impl Experiment for RodExperiment {
 
     fn proposals(&self) -> Vec<PlannedCapture> {
         let d = &self.data;
-        let mut list = Vec::new();
-        let reach = [0, 1].map(|axis| 0.5 * d.travel_mm(axis).max(1.0));
-        for k in 0..9 * PLANNED_ANGLES {
-            let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-            let place = [k % 3 - 1, k / 3 % 3 - 1].map(f64::from);
-            let mut capture = PlannedCapture::default()
-                .with("x_mm", d.pole.x + place[0] * reach[0])
-                .with("y_mm", d.pole.y + place[1] * reach[1]);
+        let places = d.planned_places(self.nuisances[2].start);
+        let side = |n: usize| if n.is_multiple_of(2) { 1.0 } else { -1.0 };
+        let rounds = (PLANNED_CAPTURES / places.len()).max(1);
+        let capture = |k: usize| {
+            let (round, place) = (k / places.len(), k % places.len());
+            let at = places[place];
+            let mut capture = PlannedCapture::default().with("x_mm", at.x).with("y_mm", at.y);
             // C angles that no small harmonic repeats on.
             if !d.c_rad.is_empty() {
-                capture = capture.with("c_deg", f64::from(k / 9 * 83 % 360));
+                capture = capture.with("c_deg", (round * 83 % 360) as f64);
             }
             if !d.dir_x.is_empty() {
-                capture = capture.with("dir_x", side(k));
+                capture = capture.with("dir_x", side(round + place));
             }
             if !d.dir_y.is_empty() {
-                capture = capture.with("dir_y", side(k / 2));
+                capture = capture.with("dir_y", side((round + place) / 2));
             }
-            list.push(capture);
-        }
-        list
+            capture
+        };
+        (0..rounds * places.len()).map(capture).collect()
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
@@ -330,10 +326,9 @@ impl Experiment for RodExperiment {
                 capture.or_last("x_mm", &[last.x]),
                 capture.or_last("y_mm", &[last.y]),
             );
-            for k in 0..PLANNED_POINTS {
-                let (s, c) = (f64::from(k) / f64::from(PLANNED_POINTS) * TAU).sin_cos();
-                data.points.push(data.pole + Vector2::new(c, s) * radius);
-                data.rays.push(Vector2::new(c, s));
+            for ray in self.data.seen(place, radius) {
+                data.points.push(data.pole + ray * radius);
+                data.rays.push(ray);
                 data.capture.push(data.place.len());
                 values.push(radius);
             }
@@ -349,7 +344,7 @@ impl Experiment for RodExperiment {
         extend_times_soon(&mut data.t_s, plan.len());
         let c_deg: Vec<f64> = data.c_rad.iter().map(|c| data.c_sense * c.to_degrees()).collect();
         let mut layout = layout(&data, values, &c_deg);
-        // Planned captures see the whole rim; their noise is the run's all the same.
+        // Planned captures may see more of the rim; their noise is the run's all the same.
         layout.random.truncate(self.layout.random.len());
         let library = library(&self.data);
         let (known, nuisances) = (self.known.clone(), self.nuisances.clone());

@@ -225,7 +225,7 @@ fn layout(data: &Rtcp, measured: &[Vec<f64>], given: bool) -> Layout {
         classes: (0..3 * rows).map(|i| i % 3).collect(),
         directions,
         variables,
-        traced: false,
+        chains: Vec::new(),
         random: Vec::new(),
         rim_deg: Vec::new(),
     }

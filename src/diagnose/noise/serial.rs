@@ -1,54 +1,54 @@
-//! Errors that follow one another: each reading's error shares a part with that of the reading before it (a first-order
-//! autoregression in the file's order, of each output). What wanders so is no function of anything, and counts as noise.
+//! Errors that follow one another: each value's error shares a part with that of the value before it (a first-order
+//! autoregression along the layout's chains). What wanders so is no function of anything, and counts as noise.
 
 use nalgebra::DMatrix;
 
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Layout;
+use crate::diagnose::noise::Space;
 
 /// Correlations that are tried, in twentieths: nearer to one it is a random walk, which drifts.
 const TWENTIETHS: std::ops::RangeInclusive<u32> = 1..=18;
 
-/// Correlation of each reading with the one before it.
+/// Correlation of each value with the one before it.
 #[derive(Debug, Clone)]
 pub(super) struct Serial {
     /// Correlation of neighbours.
     pub(super) neighbours: f64,
-    /// For each observation the one before it of the same output, and its correlation with that.
-    before: Vec<Option<(usize, f64)>>,
+    /// An observation, the one before it, and its correlation with that; later ones of a chain come first.
+    links: Vec<(usize, usize, f64)>,
 }
 
 impl Serial {
     /// Of the observations that are kept.
     pub(super) fn new(layout: &Layout, keep: &[bool], neighbours: f64) -> Self {
-        let mut last = vec![None; layout.classes.iter().max().map_or(1, |c| c + 1)];
-        let before = (0..keep.len()).map(|i| {
-            if !keep[i] {
-                return None;
-            }
-            let previous: Option<usize> = last[layout.classes[i]].replace(i);
-            previous.map(|j| {
-                let steps = layout.groups[i].abs_diff(layout.groups[j]).max(1);
-                (j, neighbours.powi(steps.min(1000) as i32))
-            })
-        });
-        Self { before: before.collect(), neighbours }
+        /// Values that are so many steps apart have nothing in common.
+        const FAR: f64 = 1000.0;
+        let mut links = Vec::new();
+        for chain in &layout.chains {
+            let kept: Vec<&(usize, f64)> = chain.iter().filter(|(i, _)| keep[*i]).collect();
+            let pairs = kept.windows(2).rev();
+            links.extend(pairs.map(|w| {
+                // An edge that goes round more than once has nearer neighbours, which have less in common.
+                let steps = (w[1].1 - w[0].1).clamp(1.0, FAR);
+                (w[1].0, w[0].0, neighbours.powf(steps))
+            }));
+        }
+        Self { links, neighbours }
     }
 
     /// What each observation has beyond the one before it, as large as its own error.
     pub(super) fn apply(&self, columns: &mut DMatrix<f64>) {
         for mut column in columns.column_iter_mut() {
-            for (i, before) in self.before.iter().enumerate().rev() {
-                if let Some((j, c)) = before {
-                    column[i] = (column[i] - c * column[*j]) / (1.0 - c * c).sqrt();
-                }
+            for &(i, j, c) in &self.links {
+                column[i] = (column[i] - c * column[j]) / (1.0 - c * c).sqrt();
             }
         }
     }
 
     /// ln of the determinant of the correlations.
     pub(super) fn ln_det(&self) -> f64 {
-        self.before.iter().flatten().map(|(_, c)| (-c * c).ln_1p()).sum()
+        self.links.iter().map(|(_, _, c)| (-c * c).ln_1p()).sum()
     }
 }
 
@@ -75,6 +75,33 @@ pub(super) fn likeliest(
         e -= &basis * basis.tr_mul(&e);
         -0.5 * (n * e.norm_squared().max(1e-300).ln() + serial.ln_det())
     };
+    most(ln_likelihood)
+}
+
+/// The same beside what captures share, whatever that is: from what each of them leaves within it, by restricted likelihood.
+pub(super) fn likeliest_within(layout: &Layout, keep: &[bool], residual: &[f64]) -> (f64, f64) {
+    let residual = DMatrix::from_column_slice(residual.len(), 1, residual);
+    most(|neighbours| {
+        let space = Space::with_serial(layout, keep, neighbours);
+        let split = space.split(&residual);
+        let within = split.rows(space.top(), residual.nrows()).norm_squared();
+        let shared: f64 = space.groups.iter().map(|g| g.q.ncols() as f64).sum();
+        let used = space.groups.iter().filter(|g| !g.q.is_empty());
+        let ln_shared: f64 = used.map(|g| ln_det(&g.r)).sum();
+        let dof = space.observations() as f64 - shared;
+        -0.5 * (dof * within.max(1e-300).ln()
+            + Serial::new(layout, keep, neighbours).ln_det()
+            + ln_shared)
+    })
+}
+
+/// ln of the determinant of RᵀR, as far as it has a rank.
+fn ln_det(r: &DMatrix<f64>) -> f64 {
+    2.0 * r.singular_values().iter().map(|s| s.max(1e-12).ln()).sum::<f64>()
+}
+
+/// The correlation that is likeliest, and its gain against none, nats.
+fn most(ln_likelihood: impl Fn(f64) -> f64) -> (f64, f64) {
     let none = ln_likelihood(0.0);
     let all = TWENTIETHS.map(|k| f64::from(k) / 20.0).map(|c| (c, ln_likelihood(c) - none));
     all.fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
@@ -94,6 +121,7 @@ mod tests {
             groups: (0..2 * rows).map(|i| i / 2).collect(),
             sites: (0..rows).collect(),
             classes: (0..2 * rows).map(|i| i % 2).collect(),
+            chains: (0..2).map(|o| (0..rows).map(|r| (2 * r + o, r as f64)).collect()).collect(),
             ..Layout::default()
         };
         let mut rng = rand_chacha::ChaCha8Rng::seed_from_u64(5);
@@ -118,9 +146,9 @@ mod tests {
         let mut some = keep.clone();
         some[100] = false;
         let serial = Serial::new(&layout, &some, 0.5);
-        assert_eq!(serial.before[100], None);
-        assert_eq!(serial.before[102], Some((98, 0.25)));
-        assert_eq!(serial.before[101], Some((99, 0.5)));
+        assert!(!serial.links.iter().any(|(i, j, _)| *i == 100 || *j == 100));
+        assert!(serial.links.contains(&(102, 98, 0.25)));
+        assert!(serial.links.contains(&(101, 99, 0.5)));
 
         let (layout, e) = wandering(300, 0.0);
         assert!(likeliest(&layout, &keep, &e, &none).1 < 3.0);

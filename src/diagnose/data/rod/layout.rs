@@ -1,5 +1,7 @@
 //! What `rod` data are to the fit: outputs, variables and random parts of every edge point.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{DMatrix, Vector2};
 
 use super::Rod;
@@ -101,10 +103,35 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
         values,
         directions,
         variables,
-        traced: false,
+        chains: chains(&angles, &data.capture, data.place.len()),
         random,
         rim_deg,
     }
+}
+
+/// The points of each capture along its edge, a step being as far as most neighbours are apart; it starts where the edge does.
+fn chains(angles: &[f64], capture: &[usize], captures: usize) -> Vec<Vec<(usize, f64)>> {
+    let mut rows = vec![Vec::new(); captures];
+    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
+    let chain = |mut rows: Vec<usize>| -> Vec<(usize, f64)> {
+        rows.sort_by(|a, b| angles[*a].total_cmp(&angles[*b]));
+        let count = rows.len();
+        let to_next =
+            |k: &usize| (angles[rows[(k + 1) % count]] - angles[rows[*k]]).rem_euclid(TAU);
+        let gaps: Vec<f64> = (0..count).map(|k| to_next(&k)).collect();
+        let first = (0..count).max_by(|a, b| gaps[*a].total_cmp(&gaps[*b])).map_or(0, |k| k + 1);
+        let mut sorted = gaps.clone();
+        sorted.sort_by(f64::total_cmp);
+        let step = sorted.get(count / 2).copied().unwrap_or(0.0).max(1e-9);
+        let order = (0..count).map(|k| (first + k) % count);
+        let along = order.scan(0.0, |at, k| {
+            let here = (rows[k], *at);
+            *at += gaps[k] / step;
+            Some(here)
+        });
+        along.collect()
+    };
+    rows.into_iter().map(chain).collect()
 }
 
 /// An even and an odd bend of each capture's arc, as no shift of the capture makes them; root mean square 1.
