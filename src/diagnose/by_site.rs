@@ -1,6 +1,8 @@
 //! Names beside something unknown that repeats show: captures of one site share what the unknown leaves there, so a site is one witness
 //! however often it was measured.
 
+use nalgebra::DMatrix;
+
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, beside_the_rest, remove};
 use crate::diagnose::repeats::{Spread, spreads};
@@ -14,10 +16,6 @@ const LEAST_SITES: f64 = 3.0;
 
 /// Takes back names that the scatter between sites may have made, weakest first.
 pub(super) fn take_back(fitter: &Fitter, selection: &mut Selection) {
-    // With parts of its own a capture is a witness already.
-    if !fitter.experiment.layout().random.is_empty() {
-        return;
-    }
     while !selection.fitted.model.active.is_empty() {
         let f = &selection.fitted;
         let scatter = between_sites(fitter, f);
@@ -30,34 +28,31 @@ pub(super) fn take_back(fitter: &Fitter, selection: &mut Selection) {
     }
 }
 
-/// Of each class of values, how much sites scatter in units of the noise's variance (1 at least), and with what degrees of freedom.
+/// Of each kind of value, how much sites scatter in units of the noise's variance (1 at least), and with what degrees of freedom.
 fn between_sites(fitter: &Fitter, f: &Fitted) -> Vec<(f64, f64)> {
-    let layout = fitter.experiment.layout();
-    let parts = fitter.space.capture_parts(&fitter.whiten_residual(f, &f.noise));
-    let spreads = spreads(&layout.sites, &parts);
-    let values: f64 = spreads.iter().map(Spread::values).sum();
-    let of = |s: &Spread| {
-        let dof = s.dof_left(f.rank as f64 / values);
-        ((s.between / dof.max(1.0)).max(1.0), dof)
-    };
+    let spreads = spreads(fitter, f, &fitter.whiten_residual(f, &f.noise), &|_| 1.0);
+    let of = |s: &Spread| ((s.between / s.between_dof.max(1.0)).max(1.0), s.between_dof);
     spreads.iter().map(of).collect()
 }
 
 /// ln of a name's p-value against the scatter between sites, in the outputs in which it shows.
 fn ln_p(fitter: &Fitter, f: &Fitted, name: usize, scatter: &[(f64, f64)]) -> f64 {
-    let layout = fitter.experiment.layout();
-    let top = fitter.space.top();
     let shape = beside_the_rest(fitter, f, Part::Effect(name));
+    let shape = DMatrix::from_column_slice(shape.len(), 1, shape.as_slice());
     let offsets = fitter.offsets(&f.model);
     let rank = (offsets[name + 1] - offsets[name]).max(1) as f64;
     let (mut chi2, mut dof, mut all) = (0.0, 0.0, 0.0);
-    for (i, class) in layout.classes.iter().enumerate() {
-        let (variance, sites) = scatter[*class];
-        let square = shape[top + i].powi(2);
+    let mut add = |square: f64, (variance, sites): (f64, f64)| {
         chi2 += square / variance;
         dof += square * sites;
         all += square;
-    }
+    };
+    let parts = fitter.space.capture_parts(&shape);
+    let by_capture: f64 = parts.iter().flatten().map(|(_, v)| v * v).sum();
+    parts.iter().flatten().for_each(|(kind, v)| add(v * v, scatter[*kind]));
+    // What shows within captures stands against their own noise.
+    let within = (shape.norm_squared() - by_capture).max(0.0);
+    add(within, (1.0, fitter.space.observations() as f64));
     let dof = if all > 0.0 { dof / all } else { 0.0 };
     let active = &f.model.active[name];
     let form = &fitter.experiment.effects()[active.effect].forms[active.form];

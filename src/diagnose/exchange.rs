@@ -4,9 +4,10 @@ use crate::diagnose::classes::shows_in_several;
 use crate::diagnose::fit::{Extra, ExtraTerm, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, parts, remove_all, without};
-use crate::diagnose::pool::Who;
+use crate::diagnose::pool::{Who, choice};
 use crate::diagnose::score::{AS_MUCH, Score, Standing};
 use crate::diagnose::select::{LEAST_CHI2, Selection, library_bonus};
+use crate::diagnose::shape::Shape;
 
 /// What a second part must gain beyond its parameters to stand beside a single name, nats.
 const SECOND_NAME: f64 = 3.0;
@@ -15,6 +16,8 @@ const LEAST_GAIN: f64 = 1.0;
 /// What leaves this much more noise than what it replaced fits worse, whatever the linearised score said: unless it is likelier
 /// at the price of free functions, as names are than a shape that fitted the first output too well and left the others as they were.
 const MORE_NOISE: f64 = 1.03;
+/// How much likelier it is beforehand that a shape without a name has another term than that a name lies in its variable and output, nats.
+const MORE_OF_A_SHAPE: f64 = 2.0;
 /// Names tried beneath a free function.
 const NAMES_UNCOVERED: usize = 3;
 /// Exchanges after each addition.
@@ -35,7 +38,13 @@ impl Selection {
             let price = more * captures / (captures - more - 1.0).max(1.0);
             // A name that explains as much as a shape is what it is.
             let shapes = |f: &Fitted| f.model.extras.iter().filter(|e| e.is_shape()).count();
-            let slack = if shapes(&next) < shapes(f) { 0.5 * AS_MUCH } else { 0.0 };
+            // So is a shape that is more of one that is there.
+            let named = |f: &Fitted| f.model.active.len();
+            let goes_on = named(&next) < named(f) && goes_on(&next.model);
+            let slack = match shapes(&next) < shapes(f) || goes_on {
+                true => 0.5 * AS_MUCH,
+                false => 0.0,
+            };
             let noisier = next.noise.sigma_mm[0] > MORE_NOISE * f.noise.sigma_mm[0];
             let spared = free_price(fitter, f) - free_price(fitter, &next);
             if (noisier && gain + spared < 0.0)
@@ -96,9 +105,14 @@ impl Selection {
         if single
             && !free_goes
             && let Some((who, s)) = self.best_generic(fitter, &standing, f)
-            && !(named && score.as_ref().is_some_and(|own| own.explains_as_much(&s)))
         {
-            consider(s.evidence - library_bonus(fitter) - own, &[&who]);
+            let gain = s.evidence - library_bonus(fitter) - own;
+            if named && goes_on(&add(fitter, &rest, &who)) {
+                // A cubic is a straight line and more: no name beside a curve. It is no other choice than that curve.
+                consider(gain + choice(fitter, &who) + MORE_OF_A_SHAPE, &[&who]);
+            } else if !(named && score.as_ref().is_some_and(|own| own.explains_as_much(&s))) {
+                consider(gain, &[&who]);
+            }
         }
         if !gone.iter().any(is_form) {
             let own = match (single, named) {
@@ -209,6 +223,18 @@ impl Selection {
             self.fitted = fitter.fit(model, Some(&f.noise));
         }
     }
+}
+
+/// Whether the last of a model's shapes is in the variable and output of another one.
+fn goes_on(model: &Model) -> bool {
+    let place = |e: &ExtraTerm| match &e.kind {
+        Extra::Generic(t) if !matches!(t.shape, Shape::Product(..) | Shape::Surface(_)) => {
+            Some((t.direction, t.variable))
+        }
+        _ => None,
+    };
+    let Some((last, others)) = model.extras.split_last() else { return false };
+    place(last).is_some_and(|at| others.iter().any(|e| place(e) == Some(at)))
 }
 
 fn is_free(e: &ExtraTerm) -> bool {

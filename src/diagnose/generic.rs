@@ -34,8 +34,8 @@ const PRODUCT_ORDER: u32 = 3;
 /// Places of a step tried between two of the dictionary's, at most.
 const MOST_PLACES: usize = 64;
 
-/// Least captures to a level or an order of a surface, where the variable is set for a whole capture.
-const CAPTURES_TO_A_LEVEL: usize = 2;
+/// Least sites to a level or an order of a surface, where the variable is set for a whole capture.
+const SITES_TO_A_LEVEL: usize = 2;
 
 impl Term {
     /// The columns, one per coefficient, for a unit of one millimetre.
@@ -245,6 +245,7 @@ impl Term {
 /// Every term worth trying on this layout.
 pub fn dictionary(layout: &Layout) -> Vec<Term> {
     let mut terms = Vec::new();
+    let sites = layout.sites.iter().max().map_or(0, |last| last + 1);
     let distinct_ones = layout.directions.iter().enumerate().filter(|(_, d)| d.is_distinct());
     for (direction, d) in distinct_ones {
         for (variable, v) in layout.variables.iter().enumerate() {
@@ -252,13 +253,10 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             if v.within && d.name != "radius" && !layout.random.is_empty() {
                 continue;
             }
-            // A function of as many levels as captures explains whatever they scatter.
-            let captures = if v.within { usize::MAX } else { layout.group_count() };
+            // A function of as many levels as places explains whatever they scatter, however often each was captured.
+            let most_levels = if v.within { usize::MAX } else { sites / SITES_TO_A_LEVEL };
             let values = seen(d, v);
-            for shape in shapes(&values, v.angle) {
-                if matches!(shape, Shape::Levels(n) if n > captures / CAPTURES_TO_A_LEVEL) {
-                    continue;
-                }
+            for shape in shapes(&values, v.angle, most_levels) {
                 terms.push(Term { direction, variable, shape });
             }
             let most = distinct(&values).len() as f64 / VALUES_TO_A_CYCLE;
@@ -275,7 +273,7 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
                 let slow = |name: &str| ["t_s", "temp_c"].contains(&name);
                 let columns = smooth(v).len() * smooth(w).len();
-                let many = columns > layout.group_count() / CAPTURES_TO_A_LEVEL;
+                let many = columns > sites / SITES_TO_A_LEVEL;
                 let varies = varies(&v.values) && varies(&w.values);
                 if slow(v.name) && slow(w.name) || !varies {
                     continue;

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::DMatrix;
 
+use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::fit::tails::ln_f_tail;
 
@@ -15,11 +16,12 @@ const LIKELIER: f64 = 4.0;
 /// Least degrees of freedom of repeats worth a test.
 const LEAST_REPEATS: f64 = 6.0;
 
-/// Sums of squares of one kind of value (an output, a random part): between sites, and within them.
+/// Sums of squares of one kind of value (an output, a random part): between sites, and within them, with the degrees of freedom that a
+/// model left of each.
 #[derive(Default)]
 pub(super) struct Spread {
     pub between: f64,
-    between_dof: f64,
+    pub between_dof: f64,
     within: f64,
     within_dof: f64,
     /// Degrees of freedom that each counts for: fewer than one where kinds of unlike variance are put together.
@@ -27,35 +29,27 @@ pub(super) struct Spread {
 }
 
 impl Spread {
-    /// How many values it is of.
-    pub fn values(&self) -> f64 {
-        self.between_dof + self.within_dof
-    }
-
-    /// Degrees of freedom between sites once a fit has used so many for each value.
-    pub fn dof_left(&self, used_per_value: f64) -> f64 {
-        self.between_dof - used_per_value * self.values()
-    }
-
     /// By how many nats its repeats are likelier under the variance of `all` repeats than under its own between sites.
     fn likelier_than_between(&self, all: &Self) -> f64 {
         let ln_likelihood =
             |variance: f64| -0.5 * (self.within_dof * variance.ln() + self.within / variance);
-        let between = self.between / self.between_dof;
+        let between = self.between / self.between_dof.max(1.0);
         ln_likelihood(all.within / all.within_dof) - ln_likelihood(between)
     }
 }
 
-/// ln p-values of the spread of sites against the spread of captures of the same site: of each kind of value, and of all
-/// together where they share one noise.
-pub(super) fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) -> Vec<f64> {
+/// ln p-values of the spread of sites against the spread of captures of the same site: of each kind of value, which is told, and of
+/// all together where they share one noise.
+pub(super) fn repeats_ln_p(
+    fitter: &Fitter,
+    f: &Fitted,
+    white: &DMatrix<f64>,
+) -> Vec<(Option<usize>, f64)> {
     let layout = fitter.experiment.layout();
-    let mut parts = fitter.space.capture_parts(white);
-    if layout.random.is_empty() {
-        // In mm: an effect in one output must not pass for that output's noise.
-        parts.iter_mut().flatten().for_each(|(kind, v)| *v *= f.noise.sigma_mm[*kind]);
-    }
-    let spreads = spreads(&layout.sites, &parts);
+    // In mm where outputs are alike: an effect in one output must not pass for that output's noise.
+    let in_mm = layout.random.is_empty();
+    let scale = |kind: usize| if in_mm { f.noise.sigma_mm[kind] } else { 1.0 };
+    let spreads = spreads(fitter, f, white, &scale);
     let unlike = |a: &Spread, b: &Spread| {
         let ratio = (a.within / a.within_dof) / (b.within / b.within_dof);
         ln_f_tail(ratio, a.within_dof, b.within_dof) < UNLIKE_NOISE_P.ln()
@@ -63,30 +57,52 @@ pub(super) fn repeats_ln_p(fitter: &Fitter, f: &Fitted, white: &DMatrix<f64>) ->
     let shared_noise =
         layout.random.is_empty() && !spreads.iter().any(|a| spreads.iter().any(|b| unlike(a, b)));
     let total = together(&spreads);
-    let values = total.values();
     let tested = |between: &Spread, within: &Spread| {
-        // The model's parameters were taken from what sites have in common.
-        let parameters = if layout.random.is_empty() { f.rank as f64 } else { 0.0 };
-        let dof = between.dof_left(parameters / values);
+        let dof = between.between_dof;
         let dofs = (dof * between.worth, within.within_dof * within.worth);
         let enough = within.within_dof >= LEAST_REPEATS && dof >= 3.0 && within.within > 0.0;
         let ratio = (between.between / dof) / (within.within / within.within_dof);
         enough.then(|| ln_f_tail(ratio, dofs.0, dofs.1))
     };
-    let each = spreads.iter().filter_map(|s| {
+    let each = spreads.iter().enumerate().filter_map(|(kind, s)| {
         // Few repeats cannot tell that an output is noisier than the others: its own ones must speak against it too.
         let may_share = shared_noise && s.likelier_than_between(&total) > LIKELIER;
-        if may_share { tested(s, &total) } else { tested(s, s) }
+        let ln_p = if may_share { tested(s, &total) } else { tested(s, s) };
+        Some((Some(kind), ln_p?))
     });
-    let mut list: Vec<f64> = each.collect();
+    let mut list: Vec<_> = each.collect();
     if shared_noise && spreads.len() > 1 {
-        list.extend(tested(&total, &total));
+        list.extend(tested(&total, &total).map(|ln_p| (None, ln_p)));
     }
     list
 }
 
+/// Sums of squares of each kind of value in what a fit leaves, whitened and scaled, with the degrees of freedom that its parameters left:
+/// those that follow the sites are taken from what sites have in common.
+pub(super) fn spreads(
+    fitter: &Fitter,
+    f: &Fitted,
+    white: &DMatrix<f64>,
+    scale: &dyn Fn(usize) -> f64,
+) -> Vec<Spread> {
+    let sites = &fitter.experiment.layout().sites;
+    let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
+    let mut parts = fitter.space.capture_parts(white);
+    parts.iter_mut().flatten().for_each(|(kind, v)| *v *= scale(*kind));
+    let mut spreads = sums(sites, &parts);
+    for column in basis.column_iter() {
+        let column = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
+        let used = sums(sites, &fitter.space.capture_parts(&column));
+        for (spread, used) in spreads.iter_mut().zip(used) {
+            spread.between_dof -= used.between;
+            spread.within_dof -= used.within;
+        }
+    }
+    spreads
+}
+
 /// Sums of squares of each kind of value, from what every capture shows of it and the captures' sites.
-pub(super) fn spreads(sites: &[usize], parts: &[Vec<(usize, f64)>]) -> Vec<Spread> {
+fn sums(sites: &[usize], parts: &[Vec<(usize, f64)>]) -> Vec<Spread> {
     let kinds = parts.iter().flatten().map(|(k, _)| k + 1).max().unwrap_or(0);
     let mut spreads: Vec<Spread> =
         (0..kinds).map(|_| Spread { worth: 1.0, ..Spread::default() }).collect();

@@ -106,11 +106,25 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
         tests += 1.0;
         ln_p = Some(ln_chi2_tail(chi2, dof));
     }
-    for p in repeats_ln_p(fitter, f, &white) {
+    for (_, p) in repeats_ln_p(fitter, f, &white) {
         tests += 1.0;
         ln_p = Some(ln_p.map_or(p, |q| q.min(p)));
     }
     ln_p.map(|p| (p + f64::ln(f64::max(tests, 1.0))).min(0.0).exp())
+}
+
+/// The output whose sites differ most by what its own repeats allow.
+fn least_repeated(fitter: &Fitter, f: &Fitted) -> Option<String> {
+    let layout = fitter.experiment.layout();
+    if !layout.random.is_empty() {
+        return None;
+    }
+    let white = fitter.whiten_residual(f, &f.noise);
+    let kinds =
+        repeats_ln_p(fitter, f, &white).into_iter().filter_map(|(kind, p)| Some((kind?, p)));
+    let (class, _) = kinds.min_by(|a, b| a.1.total_cmp(&b.1))?;
+    let first = layout.classes.iter().position(|c| *c == class)?;
+    layout.outputs().find(|d| d.factors[first] != 0.0).map(|d| d.name.to_string())
 }
 
 /// χ² against the noise that was given, and its degrees of freedom.
@@ -177,7 +191,11 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
     };
     let mut unnamed = unnamed::shapes(fitter, s);
     if lacking && generic_count == 0 {
-        unnamed.push(unnamed::unstructured(places(fitter, f, &f.noise).into_iter().next()));
+        let places = places(fitter, f, &f.noise);
+        let worst = least_repeated(fitter, f)
+            .and_then(|output| places.iter().find(|w| w.output == output))
+            .or(places.first());
+        unnamed.push(unnamed::unstructured(worst.cloned()));
     }
     let rms = |r: &[f64]| {
         let kept: Vec<f64> =

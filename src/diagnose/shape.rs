@@ -38,6 +38,8 @@ const PRODUCTS: f64 = 6.0;
 pub(super) const DEGREES: u32 = 4;
 /// Levels of a free function: fewer find smooth functions with less noise, more follow fast ones.
 const LEVELS: [usize; 2] = [24, 48];
+/// A function of fewer has another shape.
+const FEWEST_LEVELS: usize = 8;
 /// Least distinct values to a level of the finer functions.
 const VALUES_TO_A_LEVEL: usize = 3;
 
@@ -87,8 +89,8 @@ impl Shape {
     }
 }
 
-/// Shapes that the distinct values of a variable can carry.
-pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
+/// Shapes that the distinct values of a variable can carry, free functions of `most_levels` at most.
+pub fn shapes(values: &[f64], angle: bool, most_levels: usize) -> Vec<Shape> {
     let distinct = distinct(values);
     let (low, high) = (distinct[0], distinct[distinct.len() - 1]);
     let count = distinct.len();
@@ -112,9 +114,12 @@ pub fn shapes(values: &[f64], angle: bool) -> Vec<Shape> {
             shapes.push(Shape::Step(0.5 * (distinct[i] + distinct[i + 1])));
         }
     }
-    if count >= 8 && values.len() >= 60 {
-        shapes.push(Shape::Levels(count.min(LEVELS[0])));
-        if count >= VALUES_TO_A_LEVEL * LEVELS[1] {
+    if count >= FEWEST_LEVELS && values.len() >= 60 {
+        let most = count.min(LEVELS[0]).min(most_levels);
+        if most >= FEWEST_LEVELS {
+            shapes.push(Shape::Levels(most));
+        }
+        if count >= VALUES_TO_A_LEVEL * LEVELS[1] && LEVELS[1] <= most_levels {
             shapes.push(Shape::Levels(LEVELS[1]));
         }
     }
