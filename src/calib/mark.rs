@@ -16,6 +16,8 @@ use crate::frame::{Frame, Gray};
 
 /// The reduced picture's longer side, about.
 const SIDE_PX: usize = 640;
+/// Blurs whose differences show blobs: the largest find a mark that fills a fifth of the frame's longer side.
+const SCALES: i32 = 9;
 /// Blob candidates kept of each picture.
 const CANDIDATES: usize = 12;
 /// How far a candidate may be from where an undistorted, untilted camera would see it: share of the frame's side.
@@ -127,7 +129,7 @@ fn reduced(p: Vector2<f64>, factor: usize) -> Vector2<f64> {
 fn blobs(frame: &Frame) -> Vec<Blob> {
     let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).max(1);
     let base = frame.reduce(factor);
-    let scales: Vec<f64> = (0..7).map(|k| 1.2 * 1.6f64.powi(k)).collect();
+    let scales: Vec<f64> = (0..SCALES).map(|k| 1.2 * 1.6f64.powi(k)).collect();
     let blurred: Vec<Gray<f32>> = scales.iter().map(|&s| blur(&base, s)).collect();
     let layers: Vec<Vec<f32>> = blurred
         .windows(2)

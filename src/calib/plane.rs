@@ -29,6 +29,8 @@ use crate::units;
 pub const LEAST_POSITIONS: usize = 5;
 /// A picture whose removal shrinks the residuals by this factor shows something else than the mark.
 const ODD_ONE_OUT: f64 = 5.0;
+/// How often the mark is registered in the shape that the mapping so far gives it.
+const SHAPINGS: usize = 2;
 
 /// Of the way to the frame's corner, what may be unsure there. Positions along a line leave all of it unsure.
 const MOST_UNSURE: f64 = 0.1;
@@ -72,8 +74,13 @@ pub fn calibrate(captures: &[Capture], lens: Option<&LensFile>) -> Result<Calibr
     let from = |sightings: &Sightings| from_sightings(captures, sightings, lens, (w, h));
     let mut made = match mark::find(&frames, &positions) {
         Some((mark, rough)) => {
-            let view = from(&rough)?.calibration.view(w, h)?;
-            from(&mark.again(&frames, &rough, &view))?
+            // Large marks are shaped so much by distortion that their first places tell the mapping only roughly.
+            let mut places = rough;
+            for _ in 0..SHAPINGS {
+                let view = from(&places)?.calibration.view(w, h)?;
+                places = mark.again(&frames, &places, &view);
+            }
+            from(&places)?
         }
         None => from(&vec![None; frames.len()])?,
     };
