@@ -207,6 +207,17 @@ fn a_frame_of_another_size_is_named_and_left_out() {
     assert_eq!((number(&json, "/frames_seen"), number(&json, "/frames_used")), (4.0, 3.0));
 }
 
+#[test]
+fn copies_of_one_frame_are_told() {
+    let pictures = Pictures::new();
+    let jpeg = &frames(pictures.path(), PLACE, 1)[0];
+    for i in 0..5 {
+        std::fs::write(pictures.picture(&format!("{i}.jpg")), jpeg).unwrap();
+    }
+    let (_, code, words) = pictures.center("0.01", &[]);
+    assert!(code == Some(0) && words.matches("is the camera running?").count() == 1, "{words}");
+}
+
 /// Frames that are averaged do not keep the error of one of them.
 #[test]
 fn an_average_is_as_good_as_it_says() {

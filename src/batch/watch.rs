@@ -22,7 +22,17 @@ pub(super) fn folder(
     measure: impl Fn(&[&Item], &[Item]) -> Result<()>,
 ) -> Result<Vec<Item>> {
     let (mut settling, mut last) = (Settling::new(watch.settle), Instant::now());
+    let is_there = || Path::new(name).is_dir();
+    let mut there = is_there();
     loop {
+        if there != is_there() {
+            there = !there;
+            // A share that is unmounted, a camera's card that is pulled.
+            (meanwhile.say)(format!(
+                "{name}: the folder is {}",
+                if there { "there again" } else { "gone; waiting for it" }
+            ));
+        }
         let items = match input::list(name, kind) {
             Err(Error::File { .. }) => Vec::new(), // nothing there yet
             other => other?,

@@ -148,6 +148,9 @@ impl<'a> Terminal<'a> {
                     self.shown = Some(Instant::now());
                 }
             }
+            News::Copy => {
+                self.say("the second frame is a copy of the first: is the camera running?")
+            }
             News::Moved => {}
             News::Stalled(silent) => {
                 self.say(&format!("STALLED: no frame for {:.1} s", silent.as_secs_f64()))

@@ -90,6 +90,8 @@ pub enum News<'a> {
     Seen(&'a Report, &'a Frame, &'a View, &'a Ring),
     /// A frame shows no circle, or cannot be decoded.
     NotSeen(String),
+    /// The second frame is a copy of the first: noise never comes twice, but a camera that stands still sends one frame over and over.
+    Copy,
     /// The centre has moved: the average begins anew.
     Moved,
     /// No frame for this long.
@@ -161,6 +163,9 @@ pub fn run(
                 continue;
             }
         };
+        if average.n == 1 && last.as_ref().is_some_and(|last| shot.is_copy_of(&last.shot)) {
+            tell(News::Copy)?;
+        }
         if average.add(&ring, 0.25 * view.pixel_mm()) {
             tell(News::Moved)?;
         }

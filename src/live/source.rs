@@ -22,6 +22,15 @@ pub enum Shot {
 }
 
 impl Shot {
+    /// Whether it is the same to the last byte.
+    pub(super) fn is_copy_of(&self, other: &Self) -> bool {
+        match (self, other) {
+            (Self::Encoded(a, _), Self::Encoded(b, _)) => a == b,
+            (Self::Plain(a), Self::Plain(b)) => a.data == b.data,
+            _ => false,
+        }
+    }
+
     /// What it is called: its file, or which frame it is.
     pub fn name(&self, number: usize) -> String {
         match self {
