@@ -45,7 +45,11 @@ fn photograph(path: &Path, place_mm: Vector2<f64>, radius_mm: f64, seed: u64) ->
 const MARK: Vector2<f64> = Vector2::new(113.4, -41.7);
 
 /// A plus-shaped round of positions about the mark, and its captures table written by `line`.
-fn captures(folder: &Path, line: impl Fn(&str, Vector2<f64>) -> String) -> (Calibration, String) {
+fn captures(
+    folder: &Path,
+    radius_mm: f64,
+    line: impl Fn(&str, Vector2<f64>) -> String,
+) -> (Calibration, String) {
     let places: [(f64, f64); 9] = [
         (0.1, 0.2),
         (4.6, 0.3),
@@ -62,7 +66,7 @@ fn captures(folder: &Path, line: impl Fn(&str, Vector2<f64>) -> String) -> (Cali
     for (i, (x, y)) in places.into_iter().enumerate() {
         let name = format!("mark-{i}.png");
         let position = MARK - Vector2::new(x, y);
-        truth = Some(photograph(&folder.join(&name), Vector2::new(x, y), 0.25, 10 + i as u64));
+        truth = Some(photograph(&folder.join(&name), Vector2::new(x, y), radius_mm, 10 + i as u64));
         table.push_str(&line(&name, position));
     }
     let path = folder.join("captures.csv");
@@ -77,7 +81,8 @@ fn number(json: &Value, path: &str) -> f64 {
 #[test]
 fn the_machine_is_the_ruler_of_the_plane() {
     let folder = tempfile::tempdir().unwrap();
-    let (truth, table) = captures(folder.path(), |name, p| format!("{name},{},{}\n", p.x, p.y));
+    let (truth, table) =
+        captures(folder.path(), 0.25, |name, p| format!("{name},{},{}\n", p.x, p.y));
     let calib = folder.path().join("found.toml");
     let lens = folder.path().join("lens.toml");
     std::fs::write(&lens, truth.to_toml()).unwrap();
@@ -157,6 +162,22 @@ fn the_machine_is_the_ruler_of_the_plane() {
     assert_eq!((json["verdict"].as_str(), code), (Some("fail"), Some(1)), "{json:#}");
 }
 
+/// A mark a fifth of the frame's height across: distortion shapes it so much that its first places tell the plane only roughly.
+#[test]
+fn a_large_mark_is_as_good_a_ruler() {
+    let folder = tempfile::tempdir().unwrap();
+    let row = |name: &str, p: Vector2<f64>| format!("{name},{},{}\n", p.x, p.y);
+    let (truth, table) = captures(folder.path(), 0.95, row);
+    let lens = folder.path().join("lens.toml");
+    std::fs::write(&lens, truth.to_toml()).unwrap();
+    let (json, code, words) = run(&["calib", "plane", &table, "--lens", lens.to_str().unwrap()]);
+    assert_eq!(code, Some(0), "{words}");
+    let view = truth.view(800, 600).unwrap();
+    let ppm = 1e6 * (number(&json, "/mm_per_px") / view.pixel_mm_at(view.axis_px()) - 1.0);
+    let u95_ppm = 1e6 * number(&json, "/mm_per_px_u95") / number(&json, "/mm_per_px");
+    assert!(ppm.abs() < 1.5 * u95_ppm && u95_ppm < 60.0, "{ppm} of {u95_ppm} ppm");
+}
+
 #[test]
 fn wrong_signs_swapped_axes_and_wrong_rows_are_said() {
     let folder = tempfile::tempdir().unwrap();
@@ -167,7 +188,7 @@ fn wrong_signs_swapped_axes_and_wrong_rows_are_said() {
         (|n, p| format!("{n},{},{}\n", p.y, p.x), "mirrored", "swapped"),
         (|n, p| format!("{n},{},{}\n", -p.x, -p.y), "turned", "both have the wrong sign"),
     ];
-    let (_, table) = captures(folder.path(), |name, p| format!("{name},{},{}\n", p.x, p.y));
+    let (_, table) = captures(folder.path(), 0.25, |name, p| format!("{name},{},{}\n", p.x, p.y));
     let right = std::fs::read_to_string(&table).unwrap();
     for (line, orientation, words) in cases {
         let mut text = String::from("image,x_mm,y_mm\n");
