@@ -52,6 +52,9 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
         ("diagnose", "unknown") => "Something is missing that is not in the library.".into(),
         (_, "pass") => "Within its limit, with certainty.".into(),
         (_, "fail") => "Outside its limit, with certainty.".into(),
+        ("center", "undecided") => {
+            "The uncertainty that was asked for is not reached, or the limit lies inside it.".into()
+        }
         (_, "undecided") => "The limit lies inside the uncertainty.".into(),
         (_, "") => "No limit applies.".into(),
         (_, other) => format!("Verdict: {other}."),
@@ -147,6 +150,13 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
                 steps.push(format!("Undecided: {n}. Measure these again with less uncertainty."));
             }
             steps
+        }
+        ("center", stated) if stated != "pass" => {
+            let by = |k: usize| {
+                let of = |key: &str| get(&format!("{key}.{k}")).unwrap_or(f64::NAN);
+                text(of("move_mm"), of("offset_u95_mm"))
+            };
+            vec![format!("Move X by {} mm and Y by {} mm, then center again.", by(0), by(1))]
         }
         (_, "pass" | "consistent") => vec!["Nothing to correct.".into()],
         (_, "fail") => vec!["Correct what is out of tolerance, then measure again.".into()],

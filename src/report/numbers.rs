@@ -24,7 +24,7 @@ pub struct Characteristic {
 impl Characteristic {
     /// Its cells, in the table's order.
     pub fn cells(&self) -> Vec<String> {
-        let digits = digits(self.u95);
+        let digits = digits(self.u95, self.actual);
         let text = |x: Option<f64>| x.map_or(String::new(), |x| format!("{x:.digits$}"));
         vec![
             if self.unit.is_empty() {
@@ -42,10 +42,15 @@ impl Characteristic {
     }
 }
 
-/// As many decimals as show the uncertainty with two digits, from three to six; four where there is none.
-fn digits(u95: Option<f64>) -> usize {
-    let u95 = u95.filter(|u| *u > 0.0);
-    u95.map_or(4, |u| (1.0 - u.log10().floor()).clamp(3.0, 6.0) as usize)
+/// As many decimals as show the uncertainty with two digits, three at least; where there is none, the value itself, four at least.
+fn digits(u95: Option<f64>, actual: f64) -> usize {
+    const MOST: f64 = 9.0;
+    let two_of = |x: f64, least: f64| (1.0 - x.abs().log10().floor()).clamp(least, MOST) as usize;
+    match u95.filter(|u| *u > 0.0) {
+        Some(u95) => two_of(u95, 3.0),
+        None if actual != 0.0 => two_of(actual, 4.0),
+        None => 4,
+    }
 }
 
 /// Every number that states its uncertainty, with nominal and tolerance where the result knows them, and
@@ -78,8 +83,16 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             })
         })
         .collect();
-    if command == "diagnose" {
-        rows.extend(gap(map));
+    match command {
+        "diagnose" => rows.extend(gap(map)),
+        "calib-plane" => rows.extend(plane(map)),
+        "calib-camera" => rows.extend(
+            [("rms_px", "rms of all corners"), ("coverage", "part of the frame seen")]
+                .into_iter()
+                .filter_map(|(key, name)| plain(map, key, name)),
+        ),
+        "center" => rows.extend(moves(map)),
+        _ => {}
     }
     let judged = map.get("limits").and_then(Value::as_array).map_or(&[][..], Vec::as_slice);
     rows.extend(judged.iter().filter_map(|limit| {
@@ -121,7 +134,7 @@ pub fn broken(row: &Value) -> Vec<String> {
     let broken = rows.filter(|c| c.verdict.is_some_and(|v| v != Verdict::Pass));
     broken
         .map(|c| {
-            let digits = digits(c.u95);
+            let digits = digits(c.u95, c.actual);
             let u95 = c.u95.map_or(String::new(), |u| format!(" ± {u:.digits$}"));
             format!("{} {:.digits$}{u95} {}, limit {}", c.name, c.actual, c.unit, c.tolerance)
         })
@@ -154,27 +167,51 @@ fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
 }
 
 /// The gap between simulation and measurement, before and after the named effects.
-fn gap(map: &Map<String, Value>) -> Vec<Characteristic> {
-    [
+fn gap(map: &Map<String, Value>) -> impl Iterator<Item = Characteristic> {
+    let rows = [
         ("gap.before_rms_mm", "gap before, rms"),
         ("gap.after_rms_mm", "gap with the named effects, rms"),
         ("gap.heldout_before_rms_mm", "gap before, on captures held out, rms"),
         ("gap.heldout_after_rms_mm", "gap with the named effects, on captures held out, rms"),
         ("noise_mm", "noise of one value"),
-    ]
-    .into_iter()
-    .filter_map(|(key, name)| {
-        Some(Characteristic {
-            name: name.into(),
-            unit: "mm",
-            nominal: None,
-            actual: number(map, key)?,
-            tolerance: String::new(),
-            u95: None,
-            verdict: None,
-        })
+    ];
+    rows.into_iter().filter_map(|(key, name)| plain(map, key, name))
+}
+
+/// The scale of a plane, and how far its map may be off in the frame.
+fn plane(map: &Map<String, Value>) -> impl Iterator<Item = Characteristic> {
+    let of = |key: &str, u95: &str, name: &str| {
+        Some(Characteristic { u95: number(map, u95), ..plain(map, key, name)? })
+    };
+    let scale = of("mm_per_px", "mm_per_px_u95", "scale on the axis");
+    let aspect = of("aspect", "aspect_u95", "aspect, Y's scale beyond X's");
+    let error = plain(map, "field_u95_mm", "95 % of the map's error, at most in the frame");
+    let left = plain(map, "residual_rms_mm", "residuals, rms");
+    [scale, aspect, error, left].into_iter().flatten()
+}
+
+/// How far to go to be over the centre, and what that rests on.
+fn moves(map: &Map<String, Value>) -> impl Iterator<Item = Characteristic> {
+    let of = |k: usize| {
+        let name = format!("move {} by", ["X", "Y"][k]);
+        let row = plain(map, &format!("move_mm.{k}"), &name)?;
+        Some(Characteristic { u95: number(map, &format!("offset_u95_mm.{k}")), ..row })
+    };
+    let diameter = plain(map, "diameter_mm", "diameter in the last frame");
+    [of(0), of(1), diameter].into_iter().flatten()
+}
+
+/// A number as it stands, with neither nominal nor limit.
+fn plain(map: &Map<String, Value>, key: &str, name: &str) -> Option<Characteristic> {
+    Some(Characteristic {
+        name: name.to_owned(),
+        unit: unit(key),
+        nominal: None,
+        actual: number(map, key)?,
+        tolerance: String::new(),
+        u95: None,
+        verdict: None,
     })
-    .collect()
 }
 
 /// Which of a burn's two readings of concentricity the tolerance is held against.
@@ -209,6 +246,9 @@ fn nominal(command: &str, map: &Map<String, Value>, key: &str) -> Option<f64> {
 /// The unit that a key ends in; empty where there is none.
 pub fn unit(key: &str) -> &'static str {
     let head = key.trim_end_matches(|c: char| c.is_ascii_digit()).trim_end_matches('.');
+    if head.ends_with("mm_per_px") {
+        return "mm/px";
+    }
     ["mm2", "mm", "deg", "rad", "px", "c", "s"]
         .into_iter()
         .find(|u| head.ends_with(&format!("_{u}")))
@@ -301,4 +341,28 @@ pub fn budgets(result: &Value) -> Vec<Budget> {
         }
     }
     budgets
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn cells(command: &str, result: Value) -> Vec<String> {
+        characteristics(command, &result).iter().map(|c| c.cells().join("|")).collect()
+    }
+
+    #[test]
+    fn a_page_shows_what_a_calibration_and_a_centering_are_for() {
+        let plane = serde_json::json!({"mm_per_px": 0.0200007385, "mm_per_px_u95": 2.12e-7,
+            "field_u95_mm": 0.000403, "residual_rms_mm": 5.7e-5});
+        let rows = cells("calib-plane", plane);
+        assert_eq!(rows[0], "scale on the axis, mm/px||0.02000074|||0.00000021|");
+        assert!(
+            rows[1].ends_with("mm||0.00040||||") && rows[2].ends_with("mm||0.000057||||"),
+            "{rows:?}"
+        );
+        let center = serde_json::json!({"move_mm": [0.1234, -2.0], "offset_u95_mm": [0.0012, 0.0012], "frames_used": 3});
+        let rows = cells("center", center);
+        assert_eq!(rows, ["move X by, mm||0.1234|||0.0012|", "move Y by, mm||-2.0000|||0.0012|"]);
+    }
 }
