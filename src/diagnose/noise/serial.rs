@@ -75,13 +75,20 @@ pub(super) fn likeliest(
         e -= &basis * basis.tr_mul(&e);
         -0.5 * (n * e.norm_squared().max(1e-300).ln() + serial.ln_det())
     };
-    most(ln_likelihood)
+    let none = ln_likelihood(0.0);
+    let all = tried().map(|c| (c, ln_likelihood(c) - none));
+    all.fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
+}
+
+/// The correlations that are tried, rising.
+fn tried() -> impl Iterator<Item = f64> {
+    TWENTIETHS.map(|k| f64::from(k) / 20.0)
 }
 
 /// The same beside what captures share, whatever that is: from what each of them leaves within it, by restricted likelihood.
 pub(super) fn likeliest_within(layout: &Layout, keep: &[bool], residual: &[f64]) -> (f64, f64) {
     let residual = DMatrix::from_column_slice(residual.len(), 1, residual);
-    most(|neighbours| {
+    let ln_likelihood = |neighbours: f64| {
         let space = Space::with_serial(layout, keep, neighbours);
         let split = space.split(&residual);
         let within = split.rows(space.top(), residual.nrows()).norm_squared();
@@ -89,22 +96,25 @@ pub(super) fn likeliest_within(layout: &Layout, keep: &[bool], residual: &[f64])
         let used = space.groups.iter().filter(|g| !g.q.is_empty());
         let ln_shared: f64 = used.map(|g| ln_det(&g.r)).sum();
         let dof = space.observations() as f64 - shared;
-        -0.5 * (dof * within.max(1e-300).ln()
-            + Serial::new(layout, keep, neighbours).ln_det()
-            + ln_shared)
-    })
+        let ln_serial = space.serial.as_ref().map_or(0.0, Serial::ln_det);
+        -0.5 * (dof * within.max(1e-300).ln() + ln_serial + ln_shared)
+    };
+    // Up to its one peak: thousands of points are split anew for each.
+    let none = ln_likelihood(0.0);
+    let mut best = (0.0, 0.0);
+    for c in tried() {
+        let gain = ln_likelihood(c) - none;
+        if gain <= best.1 {
+            break;
+        }
+        best = (c, gain);
+    }
+    best
 }
 
 /// ln of the determinant of RᵀR, as far as it has a rank.
 fn ln_det(r: &DMatrix<f64>) -> f64 {
     2.0 * r.singular_values().iter().map(|s| s.max(1e-12).ln()).sum::<f64>()
-}
-
-/// The correlation that is likeliest, and its gain against none, nats.
-fn most(ln_likelihood: impl Fn(f64) -> f64) -> (f64, f64) {
-    let none = ln_likelihood(0.0);
-    let all = TWENTIETHS.map(|k| f64::from(k) / 20.0).map(|c| (c, ln_likelihood(c) - none));
-    all.fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
 }
 
 #[cfg(test)]
