@@ -1,8 +1,6 @@
 //! Names beside something unknown that repeats show: captures of one site share what the unknown leaves there, so a site is one witness
 //! however often it was measured.
 
-use nalgebra::DMatrix;
-
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, beside_the_rest, remove};
 use crate::diagnose::repeats::{Spread, spreads};
@@ -38,7 +36,6 @@ fn between_sites(fitter: &Fitter, f: &Fitted) -> Vec<(f64, f64)> {
 /// ln of a name's p-value against the scatter between sites, in the outputs in which it shows.
 fn ln_p(fitter: &Fitter, f: &Fitted, name: usize, scatter: &[(f64, f64)]) -> f64 {
     let shape = beside_the_rest(fitter, f, Part::Effect(name));
-    let shape = DMatrix::from_column_slice(shape.len(), 1, shape.as_slice());
     let offsets = fitter.offsets(&f.model);
     let rank = (offsets[name + 1] - offsets[name]).max(1) as f64;
     let (mut chi2, mut dof, mut all) = (0.0, 0.0, 0.0);
@@ -47,7 +44,7 @@ fn ln_p(fitter: &Fitter, f: &Fitted, name: usize, scatter: &[(f64, f64)]) -> f64
         dof += square * sites;
         all += square;
     };
-    let parts = fitter.space.capture_parts(&shape);
+    let parts = fitter.space.capture_parts(shape.column(0));
     let by_capture: f64 = parts.iter().flatten().map(|(_, v)| v * v).sum();
     parts.iter().flatten().for_each(|(kind, v)| add(v * v, scatter[*kind]));
     // What shows within captures stands against their own noise.

@@ -358,7 +358,7 @@ impl Space {
     }
 
     /// Capture-level residuals (whitened): one vector per capture with the component of each entry.
-    pub fn capture_parts(&self, whitened: &DMatrix<f64>) -> Vec<Vec<(usize, f64)>> {
+    pub fn capture_parts(&self, whitened: DVectorView<f64>) -> Vec<Vec<(usize, f64)>> {
         let (top, d) = (self.top(), self.random_count());
         self.groups
             .iter()
@@ -366,10 +366,10 @@ impl Space {
             .map(|(g, group)| {
                 if d > 0 {
                     (0..group.q.ncols())
-                        .map(|k| (self.components[k], whitened[(g * d + k, 0)]))
+                        .map(|k| (self.components[k], whitened[g * d + k]))
                         .collect()
                 } else {
-                    group.rows.iter().map(|&i| (self.classes[i], whitened[(top + i, 0)])).collect()
+                    group.rows.iter().map(|&i| (self.classes[i], whitened[top + i])).collect()
                 }
             })
             .collect()

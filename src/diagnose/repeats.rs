@@ -87,12 +87,11 @@ pub(super) fn spreads(
 ) -> Vec<Spread> {
     let sites = &fitter.experiment.layout().sites;
     let basis = orthonormal(&fitter.whiten(&f.tangent, &f.noise), 1e-7);
-    let mut parts = fitter.space.capture_parts(white);
+    let mut parts = fitter.space.capture_parts(white.column(0));
     parts.iter_mut().flatten().for_each(|(kind, v)| *v *= scale(*kind));
     let mut spreads = sums(sites, &parts);
     for column in basis.column_iter() {
-        let column = DMatrix::from_column_slice(column.len(), 1, column.as_slice());
-        let used = sums(sites, &fitter.space.capture_parts(&column));
+        let used = sums(sites, &fitter.space.capture_parts(column));
         for (spread, used) in spreads.iter_mut().zip(used) {
             spread.between_dof -= used.between;
             spread.within_dof -= used.within;

@@ -144,15 +144,7 @@ pub fn broken(row: &Value) -> Vec<String> {
 /// The largest deviation of a sweep as measured, and what the machine's model leaves of it.
 fn verified(map: &Map<String, Value>) -> Vec<Characteristic> {
     let row = |key: &str, name: &str| {
-        Some(Characteristic {
-            name: name.to_owned(),
-            unit: "mm",
-            nominal: Some(0.0),
-            actual: number(map, key)?,
-            tolerance: String::new(),
-            u95: None,
-            verdict: None,
-        })
+        Some(Characteristic { nominal: Some(0.0), ..plain(map, key, name)? })
     };
     let judged =
         row("worst_mm", "largest true deviation of what is judged").map(|judged| Characteristic {

@@ -111,8 +111,6 @@ pub(super) fn layout(data: &Rod, values: Vec<f64>, c_deg: &[f64]) -> Layout {
 
 /// The points of each capture along its edge, a step being as far as most neighbours are apart; it starts where the edge does.
 fn chains(angles: &[f64], capture: &[usize], captures: usize) -> Vec<Vec<(usize, f64)>> {
-    let mut rows = vec![Vec::new(); captures];
-    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
     let chain = |mut rows: Vec<usize>| -> Vec<(usize, f64)> {
         rows.sort_by(|a, b| angles[*a].total_cmp(&angles[*b]));
         let count = rows.len();
@@ -131,15 +129,20 @@ fn chains(angles: &[f64], capture: &[usize], captures: usize) -> Vec<Vec<(usize,
         });
         along.collect()
     };
-    rows.into_iter().map(chain).collect()
+    by_capture(capture, captures).into_iter().map(chain).collect()
+}
+
+/// The points of each capture.
+fn by_capture(capture: &[usize], captures: usize) -> Vec<Vec<usize>> {
+    let mut rows = vec![Vec::new(); captures];
+    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
+    rows
 }
 
 /// An even and an odd bend of each capture's arc, as no shift of the capture makes them; root mean square 1.
 fn bends(angles: &[f64], shift: &[Vec<f64>], capture: &[usize], captures: usize) -> [Vec<f64>; 2] {
-    let mut rows = vec![Vec::new(); captures];
-    capture.iter().enumerate().for_each(|(i, &g)| rows[g].push(i));
     let mut bends = [(); 2].map(|()| vec![0.0; angles.len()]);
-    for rows in rows {
+    for rows in by_capture(capture, captures) {
         let middle: Vector2<f64> =
             rows.iter().map(|&i| Vector2::new(angles[i].cos(), angles[i].sin())).sum();
         let along = |i: usize| {
