@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
 
 use crate::error::{Error, Result};
 use crate::input;
@@ -17,40 +18,53 @@ pub fn read<T: DeserializeOwned>(path: impl AsRef<Path>) -> Result<T> {
 /// As [`read`], from text; `path` is only the name used in messages.
 pub fn parse<T: DeserializeOwned>(path: impl AsRef<Path>, text: &str) -> Result<T> {
     let path = path.as_ref();
-    let line_of = |span: Option<std::ops::Range<usize>>| {
-        span.map(|s| 1 + text[..s.start.min(text.len())].matches('\n').count() as u64)
-    };
-    let fail = |line: Option<u64>, field: &str, reason: &str| {
-        let at = line.and_then(|n| text.lines().nth(n as usize - 1)).unwrap_or("");
-        let fix = match has_decimal_comma(at) {
-            true => "write the decimal mark as a point",
-            false => "correct the file",
-        };
-        Error::field(path, line, field, reason.trim().replace('\n', " "), fix)
-    };
-    let mut table: toml::Table =
-        toml::from_str(text).map_err(|e| fail(line_of(e.span()), "TOML", e.message()))?;
+    let table = table_of(path, text)?;
+    let error_in = |table: toml::Table| table.try_into::<T>().err().map(|e| e.message().to_owned());
+    // Read from a table, an array that is too long is an error; read from the text, its surplus would be dropped.
+    table.clone().try_into::<T>().map_err(|error| explained(path, text, table, &error, &error_in))
+}
+
+/// The table that a text means, without its extensions.
+fn table_of(path: &Path, text: &str) -> Result<toml::Table> {
+    let mut table: toml::Table = toml::from_str(text)
+        .map_err(|e| failed(path, text, e.span().map(|s| s.start), "TOML", e.message()))?;
     strip_extensions(&mut table);
-    // Read from a table, an array that is too long is an error; read from the text, its surplus is dropped.
-    let error = match table.try_into::<T>() {
-        Ok(value) => return Ok(value),
-        Err(error) => error,
+    Ok(table)
+}
+
+fn failed(path: &Path, text: &str, at: Option<usize>, field: &str, reason: &str) -> Error {
+    let line = at.map(|at| 1 + text[..at.min(text.len())].matches('\n').count());
+    let written = line.and_then(|n| text.lines().nth(n - 1)).unwrap_or("");
+    let fix = match has_decimal_comma(written) {
+        true => "write the decimal mark as a point",
+        false => "correct the file",
     };
-    let field = field_of(&error).unwrap_or_else(|| "TOML".into());
-    // The text knows lines, where it meets the same error.
-    let in_text = toml::from_str::<T>(text).err().filter(|e| e.message() == error.message());
-    let line = in_text.map_or_else(|| line_with(text, &field), |e| line_of(e.span()));
+    Error::field(path, line.map(|n| n as u64), field, reason.trim().replace('\n', " "), fix)
+}
+
+/// What is wrong with a table, and where in its text; `error_in` is the message that a part of it makes.
+fn explained(
+    path: &Path,
+    text: &str,
+    table: toml::Table,
+    error: &toml::de::Error,
+    error_in: &dyn Fn(toml::Table) -> Option<String>,
+) -> Error {
+    let place = field_of(error);
+    let field = place.as_deref().unwrap_or("TOML");
     let message = error.message();
     let reason = if message == "invalid type: unit variant, expected newtype variant" {
-        let written = toml::from_str::<toml::Table>(text).unwrap_or_default();
-        let choice = written.get(&field).and_then(toml::Value::as_str).unwrap_or("...");
+        let choice = table.get(field).and_then(toml::Value::as_str).unwrap_or("...");
         format!("is a table with options of its own: write [{field}.{choice}]")
     } else if let Some(length) = message.strip_suffix(", expected fewer elements in array") {
         format!("{length} is more than belongs there")
     } else {
         message.to_owned()
     };
-    Err(fail(line, &field, &reason))
+    let keys = place.iter().flat_map(|place| place.split('.')).chain(unknown_key(message));
+    let keys: Vec<&str> = keys.collect();
+    let same = |table: toml::Table| error_in(table).as_deref() == Some(message);
+    failed(path, text, place_of(text, table, &keys, &same), field, &reason)
 }
 
 /// Whether a line gives a key a number with a comma for its decimal mark.
@@ -69,12 +83,53 @@ fn field_of(error: &toml::de::Error) -> Option<String> {
     Some(key.to_owned())
 }
 
-/// The only line that gives a key its value.
-fn line_with(text: &str, field: &str) -> Option<u64> {
-    let key = field.rsplit('.').next()?;
-    let gives = |line: &str| line.split_once('=').is_some_and(|(name, _)| name.trim() == key);
-    let mut lines = (1..).zip(text.lines()).filter(|(_, line)| gives(line)).map(|(n, _)| n);
-    lines.next().filter(|_| lines.next().is_none())
+/// The key that a message says nobody knows.
+fn unknown_key(message: &str) -> Option<&str> {
+    message.strip_prefix("unknown field `")?.split('`').next()
+}
+
+/// Where in a text what `keys` lead to is written. Of an array, the element that alone makes the same error.
+fn place_of(
+    text: &str,
+    mut table: toml::Table,
+    keys: &[&str],
+    same: &dyn Fn(toml::Table) -> bool,
+) -> Option<usize> {
+    let text = DeTable::parse(text).ok()?;
+    let (mut within, mut path, mut place) = (text.get_ref(), Vec::new(), None);
+    for key in keys {
+        let Some((written, mut value)) = within.get_key_value(*key) else { break };
+        path.push(Some(*key));
+        place = Some(written.span().start);
+        while let DeValue::Array(items) = value.get_ref() {
+            let alone = |index: usize| {
+                let mut table = table.clone();
+                let array = at(&mut table, &path)?.as_array_mut()?;
+                *array = vec![array.get(index)?.clone()];
+                Some(table)
+            };
+            let alone = (0..items.len()).filter_map(|index| Some((index, alone(index)?)));
+            let Some((index, reduced)) = alone.into_iter().find(|(_, t)| same(t.clone())) else {
+                return place;
+            };
+            (table, value) = (reduced, &items[index]);
+            place = Some(value.span().start);
+            path.push(None);
+        }
+        let DeValue::Table(inner) = value.get_ref() else { break };
+        within = inner;
+    }
+    place
+}
+
+/// What a path leads to: keys of tables, and nothing for the first of an array.
+fn at<'a>(table: &'a mut toml::Table, path: &[Option<&str>]) -> Option<&'a mut toml::Value> {
+    let (first, rest) = path.split_first()?;
+    let start = table.get_mut((*first)?)?;
+    rest.iter().try_fold(start, |value, step| match step {
+        Some(key) => value.get_mut(*key),
+        None => value.get_mut(0),
+    })
 }
 
 /// Tables whose keys are names of the user's or the effects library's: one that begins with `x_`, such as `x_mm`, is no extension.
@@ -142,6 +197,20 @@ mod tests {
         }
         let text = "x_who = 'me'\n[parameters]\nx_mm = 0.01\ny_mm = 0.02\n";
         assert_eq!(parse::<Effect>("f.toml", text).unwrap().parameters["x_mm"], 0.01);
+    }
+
+    #[test]
+    fn of_an_array_the_element_that_is_wrong_is_told() {
+        #[derive(Debug, serde::Deserialize)]
+        struct File {
+            #[serde(rename = "touch")]
+            _touches: Vec<Small>,
+        }
+        let text = "[[touch]]\na = 1\n[[touch]]\na = '2'\n[[touch]]\na = 3\n";
+        let message = parse::<File>("f.toml", text).unwrap_err().to_string();
+        assert!(message.starts_with("f.toml:4: touch.a: "), "{message}");
+        let message = parse::<File>("f.toml", &text.replace("a = '2'", "b = 2")).unwrap_err();
+        assert!(message.to_string().starts_with("f.toml:4: touch: "), "{message}");
     }
 
     #[derive(Debug, serde::Deserialize)]

@@ -152,9 +152,14 @@ impl<C, E: Clone + Default> Library<C, E> {
         parameters: Vec<Parameter>,
         apply: impl Fn(&C, &[f64], &mut [E]) + Send + Sync + 'static,
     ) -> &mut Self {
+        self.add(parameters, Box::new(apply))
+    }
+
+    /// Compiled once, not for every form.
+    fn add(&mut self, parameters: Vec<Parameter>, apply: Apply<C, E>) -> &mut Self {
         if let (Some(info), Some(list)) = (self.infos.last_mut(), self.apply.last_mut()) {
             info.forms.push(parameters);
-            list.push(Box::new(apply));
+            list.push(apply);
         }
         self
     }

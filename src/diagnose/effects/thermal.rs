@@ -2,6 +2,8 @@
 //!
 //! An effect may show alike on all axes, on each axis by its own amount or on one alone: every form comes in all ways.
 
+use std::sync::Arc;
+
 use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
@@ -25,7 +27,18 @@ pub(super) fn form(
     axes: &[String],
     amounts: &[(String, f64)],
     shape: Option<(&'static str, &[f64])>,
-    columns: impl Fn(&Columns, f64) -> Vec<Column> + Clone + Send + Sync + 'static,
+    columns: impl Fn(&Columns, f64) -> Vec<Column> + Send + Sync + 'static,
+) {
+    on_axes(l, axes, amounts, shape, Arc::new(columns));
+}
+
+/// Compiled once, not for every form.
+fn on_axes(
+    l: &mut L,
+    axes: &[String],
+    amounts: &[(String, f64)],
+    shape: Option<(&'static str, &[f64])>,
+    columns: Arc<dyn Fn(&Columns, f64) -> Vec<Column> + Send + Sync>,
 ) {
     let count = amounts.len();
     let shaped = |mut list: Vec<Parameter>| {
