@@ -20,6 +20,9 @@ pub(super) type L = Library<Columns, Vector3<f64>>;
 /// A first-order lag: times, values, lag.
 type Lag = fn(&[f64], &[f64], f64) -> Column;
 
+/// A form's columns, from the data and the parameter that is not linear.
+type Made = dyn Fn(&Columns, f64) -> Vec<Column> + Send + Sync;
+
 /// Adds a form with an amount for each of the columns, one with such amounts for each axis, and one of each axis alone. `shape` is a
 /// parameter that is not linear.
 pub(super) fn form(
@@ -38,7 +41,7 @@ fn on_axes(
     axes: &[String],
     amounts: &[(String, f64)],
     shape: Option<(&'static str, &[f64])>,
-    columns: Arc<dyn Fn(&Columns, f64) -> Vec<Column> + Send + Sync>,
+    columns: Arc<Made>,
 ) {
     let count = amounts.len();
     let shaped = |mut list: Vec<Parameter>| {
