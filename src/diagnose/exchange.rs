@@ -193,6 +193,38 @@ impl Selection {
         }
     }
 
+    /// Several shapes in one output and variable are terms of one function that nobody knows: a name that is no more than another
+    /// term of it is none.
+    pub(super) fn take_for_terms(&mut self, fitter: &Fitter) {
+        let places = |m: &Model| m.extras.iter().filter_map(|e| place(&e.kind)).count();
+        for i in (0..self.fitted.model.active.len()).rev() {
+            let f = &self.fitted;
+            if places(&f.model) < 2 {
+                return;
+            }
+            let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
+            let Some(own) = own else { continue };
+            let rest = remove_all(&f.model, &[Part::Effect(i)]);
+            let is_term = |who: &Who| match who {
+                Who::Extra(shape) => {
+                    let at = place(shape);
+                    at.is_some() && rest.extras.iter().filter(|e| place(&e.kind) == at).count() > 1
+                }
+                Who::Effect(_) => false,
+            };
+            let scores = standing.scores(fitter, f, &self.generic).into_iter();
+            let terms = scores
+                .filter(|s| s.explains_as_much(&own))
+                .map(|s| (&self.generic.candidates[s.candidate].who, s.evidence))
+                .filter(|(who, _)| is_term(who));
+            let best = terms.max_by(|a, b| a.1.total_cmp(&b.1));
+            if let Some((who, _)) = best {
+                let next = add(fitter, &rest, who);
+                self.fitted = fitter.fit(next, Some(&self.fitted.noise));
+            }
+        }
+    }
+
     /// Removes parts that later additions have made needless.
     pub(super) fn drop_weak(&mut self, fitter: &Fitter) {
         for _ in 0..4 {
@@ -225,16 +257,25 @@ impl Selection {
     }
 }
 
-/// Whether the last of a model's shapes is in the variable and output of another one.
-fn goes_on(model: &Model) -> bool {
-    let place = |e: &ExtraTerm| match &e.kind {
+/// Output and variable of a shape in one variable.
+fn place(shape: &Extra) -> Option<(usize, usize)> {
+    match shape {
         Extra::Generic(t) if !matches!(t.shape, Shape::Product(..) | Shape::Surface(_)) => {
             Some((t.direction, t.variable))
         }
         _ => None,
-    };
+    }
+}
+
+/// Whether the last of a model's shapes is more of another one: a bump and a step are whole by themselves, two of them or one and
+/// something else are not.
+fn goes_on(model: &Model) -> bool {
     let Some((last, others)) = model.extras.split_last() else { return false };
-    place(last).is_some_and(|at| others.iter().any(|e| place(e) == Some(at)))
+    let Some(at) = place(&last.kind) else { return false };
+    let mut there = others.iter().filter(|e| place(&e.kind) == Some(at));
+    let first = there.next();
+    let whole = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_placed());
+    first.is_some_and(|e| !whole(e)) || there.next().is_some()
 }
 
 fn is_free(e: &ExtraTerm) -> bool {

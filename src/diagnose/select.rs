@@ -87,6 +87,7 @@ pub fn select(fitter: &Fitter) -> Selection {
     };
     s.grow(fitter);
     s.grow_again(fitter);
+    s.take_for_terms(fitter);
     s
 }
 
