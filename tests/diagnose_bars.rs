@@ -117,3 +117,26 @@ fn a_screw_of_any_pitch_is_named() {
         assert!((found / pitch_mm - 1.0).abs() < 0.01, "{found}, not {pitch_mm}");
     }
 }
+
+/// Where B passes its middle Z has come up and not yet turned back: what it lags behind is still all there.
+#[test]
+fn z_lags_behind_where_it_turns_back_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let bar = ["--from-deg", "60", "--to-deg", "-60", "--steps", "40"];
+    let rows = planned(folder.path(), "zb", &bar);
+    let mut normal = normal();
+    let mut csv = String::from("b_deg,z_mm,dir,length_mm\n");
+    for (row, dir) in rows.iter().map(|r| (r, -1.0)).chain(rows.iter().rev().map(|r| (r, 1.0))) {
+        let [b, z, length] =
+            [1, 3, 4].map(|i: usize| row.split(',').nth(i).unwrap().parse::<f64>().unwrap());
+        let upwards = if b.abs() < 1e-6 || b * dir < 0.0 { 1.0 } else { -1.0 };
+        // The bar leans as far as B does: Z moves its end by the cosine along it.
+        let lag = -0.5 * 0.006 * upwards * b.to_radians().cos();
+        writeln!(csv, "{b},{z},{dir},{:.6}", length + lag + 0.0004 * normal()).unwrap();
+    }
+    let report = answer("ballbar", BAR, &csv);
+    assert_eq!(report["verdict"], "named", "{}", report["unnamed"]);
+    assert_eq!(report["effects"][0]["name"], "z-backlash", "{}", report["effects"]);
+    let width = &report["effects"][0]["parameters"]["came_width_mm"];
+    assert!((width.as_f64().unwrap() - 0.006).abs() < 4e-4, "{width}");
+}

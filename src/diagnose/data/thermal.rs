@@ -25,12 +25,22 @@ enum Cold {
     /// Each screw's coldest reading.
     #[default]
     Coldest,
+    /// The coldest reading of all screws.
+    ColdestOfAll,
     /// Each screw's first reading.
     First,
     /// The reference temperature of length, 20 °C.
     Reference,
-    /// None of these: found with the other coefficients, as an offset from the coldest reading.
+    /// None of these, and the same for all: found with the other coefficients, as an offset from the coldest reading of all.
+    FreeForAll,
+    /// The same for each screw by itself, from its own coldest reading.
     Free,
+}
+
+impl Cold {
+    fn is_free(self) -> bool {
+        matches!(self, Self::FreeForAll | Self::Free)
+    }
 }
 
 /// How much less likely than a named effect it is beforehand that T₀ is none of the usual ones, twice in nats.
@@ -47,7 +57,10 @@ impl Baseline {
         let mut kept: Vec<usize> = (0..error_mm.len()).collect();
         loop {
             let y = DVector::from_iterator(kept.len(), kept.iter().map(|i| error_mm[*i]));
-            let choices = [Cold::Coldest, Cold::First, Cold::Reference, Cold::Free];
+            let mut choices = vec![Cold::Coldest, Cold::First, Cold::Reference, Cold::Free];
+            if data.series_names.len() > 1 {
+                choices.extend([Cold::ColdestOfAll, Cold::FreeForAll]);
+            }
             let all = choices.into_iter().flat_map(|cold| of_cold(data, cold, &kept, &y));
             let Some((_, left, best)) = all.min_by(|a, b| a.0.total_cmp(&b.0)) else {
                 return Self::default();
@@ -72,15 +85,15 @@ impl Baseline {
         y: &DVector<f64>,
     ) -> (f64, DVector<f64>) {
         let rows = y.len() as f64;
-        if matches!(self.cold, Cold::Free) {
-            columns = with_free_t0(data, columns, kept, y);
+        if self.cold.is_free() {
+            columns = self.with_free_t0(data, columns, kept, y);
         }
         let mut basis = orthonormal(&columns.select_rows(kept), 1e-9);
         let mut left = y - &basis * basis.tr_mul(y);
         // Another T₀ than the usual one is a choice like a coefficient more.
         let mut chosen = basis.ncols() + usize::from(!matches!(self.cold, Cold::Coldest));
         let choice = 2.0 * (effects.len().max(1) as f64).ln();
-        let free = if matches!(self.cold, Cold::Free) { choice + FREE_BEFOREHAND } else { 0.0 };
+        let free = if self.cold.is_free() { choice + FREE_BEFOREHAND } else { 0.0 };
         let of = |left: &DVector<f64>, coefficients: usize| {
             let least = (1e-12 * y.norm_squared()).max(f64::MIN_POSITIVE);
             rows * left.norm_squared().max(least).ln() + coefficients as f64 * rows.ln() + free
@@ -102,10 +115,38 @@ impl Baseline {
         (best, left)
     }
 
+    /// The baseline's columns (slope and zero of each axis first) with those of T₀: what a degree makes of the errors, with slope
+    /// and zero as they are without it.
+    fn with_free_t0(
+        &self,
+        data: &Columns,
+        columns: DMatrix<f64>,
+        kept: &[usize],
+        y: &DVector<f64>,
+    ) -> DMatrix<f64> {
+        let Ok(found) = columns.select_rows(kept).svd(true, true).solve(y, 1e-9) else {
+            return columns;
+        };
+        let rows = metres(data).into_iter().zip(&data.series);
+        let a_degree = rows.map(|(m, axis)| m * found[2 * axis] + found[2 * axis + 1]);
+        let a_degree: Column = a_degree.collect();
+        let more = match self.cold {
+            Cold::FreeForAll => vec![a_degree],
+            _ => (0..data.series_names.len()).map(|axis| on(data, axis, &a_degree)).collect(),
+        };
+        let all = columns.column_iter().map(|c| c.iter().copied().collect()).chain(more);
+        let all: Vec<Column> = all.collect();
+        DMatrix::from_fn(data.series.len(), all.len(), |r, c| all[c][r])
+    }
+
     /// T₀ of each axis.
     fn t0_c(&self, data: &Columns) -> Vec<f64> {
         match self.cold {
             Cold::Coldest | Cold::Free => data.coldest.clone(),
+            Cold::ColdestOfAll | Cold::FreeForAll => {
+                let coldest = data.coldest.iter().copied().fold(f64::INFINITY, f64::min);
+                vec![coldest; data.coldest.len()]
+            }
             Cold::First => data.first_of_axes("screw_c"),
             Cold::Reference => vec![20.0; data.series_names.len()],
         }
@@ -154,27 +195,6 @@ fn on(data: &Columns, axis: usize, column: &[f64]) -> Column {
     rows.map(|(v, s)| if *s == axis { *v } else { 0.0 }).collect()
 }
 
-/// The baseline's columns (slope and zero of each axis first) with those of each axis' T₀: what a degree makes of the errors,
-/// with slope and zero as they are without it.
-fn with_free_t0(
-    data: &Columns,
-    columns: DMatrix<f64>,
-    kept: &[usize],
-    y: &DVector<f64>,
-) -> DMatrix<f64> {
-    let Ok(found) = columns.select_rows(kept).svd(true, true).solve(y, 1e-9) else {
-        return columns;
-    };
-    let metres = metres(data);
-    let more = (0..data.series_names.len()).map(|axis| {
-        let of_a_degree = |m: &f64| m * found[2 * axis] + found[2 * axis + 1];
-        on(data, axis, &metres.iter().map(of_a_degree).collect::<Column>())
-    });
-    let all = columns.column_iter().map(|c| c.iter().copied().collect()).chain(more);
-    let all: Vec<Column> = all.collect();
-    DMatrix::from_fn(data.series.len(), all.len(), |r, c| all[c][r])
-}
-
 /// Columns of every testable form of the library, and how many numbers of its shape are chosen.
 fn single_effects(data: &Columns) -> Vec<(DMatrix<f64>, usize)> {
     let library = library(data);
@@ -219,6 +239,9 @@ fn nuisances(data: &Columns) -> Vec<Parameter> {
             list.push(Parameter::linear(format!("{name}_t0_above_coldest_c"), 1.0));
         }
     }
+    if matches!(data.thermal.cold, Cold::FreeForAll) {
+        list.push(Parameter::linear("t0_above_coldest_c", 1.0));
+    }
     list
 }
 
@@ -229,10 +252,14 @@ pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64
     let sets = if own_heads { data.series_names.len() } else { 1 };
     let heads = &nuisances[if own_heads { sensors * axis } else { 0 }..];
     let head: f64 = data.head_c.iter().zip(heads).map(|(c, a)| c[row] * a).sum();
-    let free = matches!(data.thermal.cold, Cold::Free);
-    let coefficients = if free { 3 } else { 2 };
+    let coefficients = if matches!(data.thermal.cold, Cold::Free) { 3 } else { 2 };
     let own = &nuisances[sensors * sets + coefficients * axis..];
-    let warm = data.get("screw_c")[row] - data.t0_c[axis] - if free { own[2] } else { 0.0 };
+    let above_c = match data.thermal.cold {
+        Cold::Free => own[2],
+        Cold::FreeForAll => nuisances[nuisances.len() - 1],
+        _ => 0.0,
+    };
+    let warm = data.get("screw_c")[row] - data.t0_c[axis] - above_c;
     let screw = warm * (own[0] * data.get("position_mm")[row] + own[1]);
     [head + screw + error.x, 0.0]
 }

@@ -162,15 +162,17 @@ fn backlash(l: &mut L, data: &Columns) {
         z_one_way(data),
     );
     // Z turns back where B passes its middle; `dir` may also be Z's own. Where Z stands still nothing turns back.
-    l.form(one("width_mm", 0.01), |data, p, errors| {
-        let dir = data.get("dir");
-        for (row, (e, way)) in errors.iter_mut().zip(z_ways(data)).enumerate() {
-            e.z -= 0.5 * p[0] * dir[row] * way;
-        }
-    });
+    for (name, came) in [("width_mm", false), ("came_width_mm", true)] {
+        l.form(one(name, 0.01), move |data, p, errors| {
+            let dir = data.get("dir");
+            for (row, (e, way)) in errors.iter_mut().zip(z_ways(data, came)).enumerate() {
+                e.z -= 0.5 * p[0] * dir[row] * way;
+            }
+        });
+    }
     l.form(one("own_dir_width_mm", 0.01), |data, p, errors| {
         let dir = data.get("dir");
-        for (row, (e, way)) in errors.iter_mut().zip(z_ways(data)).enumerate() {
+        for (row, (e, way)) in errors.iter_mut().zip(z_ways(data, false)).enumerate() {
             e.z -= 0.5 * p[0] * dir[row] * way.abs();
         }
     });
@@ -178,7 +180,7 @@ fn backlash(l: &mut L, data: &Columns) {
 
 /// Why a backlash of Z cannot be tested: it turns back where B passes its middle, even in a run driven one way; never where it stands.
 fn z_one_way(data: &Columns) -> Option<Untestable> {
-    let ways = z_ways(data);
+    let ways = z_ways(data, false);
     let both = |turn: fn(f64) -> f64| {
         let of_z = || data.get("dir").iter().zip(&ways).map(|(dir, way)| dir * turn(*way));
         of_z().any(|w| w > 0.0) && of_z().any(|w| w < 0.0)

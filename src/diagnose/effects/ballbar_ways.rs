@@ -19,9 +19,9 @@ pub(super) fn slope_mm(data: &Columns, row: usize) -> f64 {
 }
 
 /// Which way Z goes in every row where B goes up: 1 up, -1 down, 0 where it stands still. From the places next to the row's on its path, so
-/// that it does not matter which axis keeps the bar's length.
-pub(super) fn z_ways(data: &Columns) -> Vec<f64> {
-    let (b_deg, z_mm) = (data.get("b_deg"), data.get("z_mm"));
+/// that it does not matter which axis keeps the bar's length. Where it turns back it stands still, or `came` says the way it came there.
+pub(super) fn z_ways(data: &Columns, came: bool) -> Vec<f64> {
+    let (b_deg, z_mm, dir) = (data.get("b_deg"), data.get("z_mm"), data.get("dir"));
     let mut ways = vec![0.0; b_deg.len()];
     for series in 0..data.series_names.len() {
         let mut rows = data.rows_of(series);
@@ -46,8 +46,14 @@ pub(super) fn z_ways(data: &Columns) -> Vec<f64> {
             // At an end of the path its own place is the nearest.
             let low = if near(&rows[before], -1.0) { rows[before] } else { row };
             let (dz_mm, db_deg) = (z_mm[rows[after]] - z_mm[low], b_deg[rows[after]] - b_deg[low]);
-            if dz_mm.abs() > STILL_MM * db_deg.to_radians() {
+            let upwards = dir.get(row).is_none_or(|dir| *dir > 0.0);
+            let came_mm =
+                if upwards { z_mm[row] - z_mm[low] } else { z_mm[rows[after]] - z_mm[row] };
+            let still_mm = STILL_MM * db_deg.to_radians();
+            if dz_mm.abs() > still_mm {
                 ways[row] = dz_mm.signum();
+            } else if came && came_mm.abs() > still_mm {
+                ways[row] = came_mm.signum();
             }
         }
     }
