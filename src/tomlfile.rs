@@ -63,7 +63,7 @@ fn explained(
     };
     let keys = place.iter().flat_map(|place| place.split('.')).chain(unknown_key(message));
     let keys: Vec<&str> = keys.collect();
-    let same = |table: toml::Table| error_in(table).as_deref() == Some(message);
+    let same = |table: &toml::Table| error_in(table.clone()).as_deref() == Some(message);
     failed(path, text, place_of(text, table, &keys, &same), field, &reason)
 }
 
@@ -93,7 +93,7 @@ fn place_of(
     text: &str,
     mut table: toml::Table,
     keys: &[&str],
-    same: &dyn Fn(toml::Table) -> bool,
+    same: &dyn Fn(&toml::Table) -> bool,
 ) -> Option<usize> {
     let text = DeTable::parse(text).ok()?;
     let (mut within, mut path, mut place) = (text.get_ref(), Vec::new(), None);
@@ -102,17 +102,16 @@ fn place_of(
         path.push(Some(*key));
         place = Some(written.span().start);
         while let DeValue::Array(items) = value.get_ref() {
-            let alone = |index: usize| {
-                let mut table = table.clone();
-                let array = at(&mut table, &path)?.as_array_mut()?;
-                *array = vec![array.get(index)?.clone()];
-                Some(table)
-            };
-            let alone = (0..items.len()).filter_map(|index| Some((index, alone(index)?)));
-            let Some((index, reduced)) = alone.into_iter().find(|(_, t)| same(t.clone())) else {
-                return place;
-            };
-            (table, value) = (reduced, &items[index]);
+            let array = at(&mut table, &path).and_then(toml::Value::as_array_mut);
+            // Taken out: a long array is not copied for each of its elements.
+            let elements = array.map(std::mem::take).unwrap_or_default();
+            let found = elements.into_iter().zip(items.iter()).find_map(|(element, item)| {
+                let mut alone = table.clone();
+                *at(&mut alone, &path)? = toml::Value::Array(vec![element]);
+                same(&alone).then_some((alone, item))
+            });
+            let Some(found) = found else { return place };
+            (table, value) = found;
             place = Some(value.span().start);
             path.push(None);
         }
