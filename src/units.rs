@@ -31,8 +31,16 @@ pub fn swept_angles(name: &str, values: &[f64]) -> Option<String> {
     })
 }
 
-/// Any angle column: says so where every number is a multiple of 5° in radians, as angles are set, and none is in degrees.
+/// Any angle column: says so where every number is a multiple of 5° in radians, as angles are set, and none is in degrees, and where one is many
+/// turns away.
 pub fn angles(name: &str, values: &[f64]) -> Option<String> {
+    /// More than an axis winds up to.
+    const MOST_DEG: f64 = 3600.0;
+    if let Some(far) = values.iter().find(|v| v.abs() > MOST_DEG) {
+        return Some(format!(
+            "column '{name}' reaches {far}°, more than ten turns: is a decimal point missing?"
+        ));
+    }
     /// Numbers are rounded to three decimals or more.
     const ROUNDED: f64 = 6e-4;
     /// Of one angle to four decimals or more; one in degrees lies so near to a multiple once in a thousand times.
@@ -137,6 +145,16 @@ pub fn pivot(name: &str, mm: f64) -> Option<String> {
     length(name, mm, PIVOTS_MM)
 }
 
+/// The distance from a rotary axis to the tool's axis: beyond that to the tool point no head has it.
+pub fn beside(name: &str, mm: f64, pivot_mm: f64) -> Option<String> {
+    (pivot_mm > 0.0 && mm.abs() > pivot_mm).then(|| {
+        format!(
+            "{name} is {mm:.4} mm, more than the {pivot_mm:.4} mm to the nozzle: if it is in micrometres, write {:.6} (mm)",
+            1e-3 * mm
+        )
+    })
+}
+
 /// The diameter of a check rod.
 pub fn rod(name: &str, mm: f64) -> Option<String> {
     length(name, mm, RODS_MM)
@@ -179,6 +197,7 @@ mod tests {
         assert!(angles("b_deg", &radians).unwrap().contains("'b_deg'"));
         assert!(angles("c_deg", &[0.0, 2.0944]).is_some());
         assert!(angles("c_deg", &[0.0, 1.7453]).is_some());
+        assert!(angles("b_deg", &[0.0, 15.0, 20015.0]).unwrap().contains("20015°"));
         for right in [
             degrees,
             vec![0.0; 4],
@@ -208,6 +227,10 @@ mod tests {
         assert!(height("--ring-height-mm", 0.05).unwrap().contains("metres, write 50.0"));
         assert!(height("--ring-height-mm", 50_000.0).unwrap().contains("micrometres, write 50.0"));
         assert!(pivot("--pivot-mm", 0.573).unwrap().contains("573.0"));
+        assert_eq!(
+            [283.0, -0.283, 120.0].map(|x| beside("x", x, 214.7).is_some()),
+            [true, false, false]
+        );
         assert!(pixel("scale.mm_per_px", 7.4).unwrap().contains("0.0074"));
         assert!(celsius("screw_c", &[293.15, 303.2]).unwrap().contains("kelvin"));
         assert_eq!(celsius("screw_c", &[20.0, 293.0]), None);

@@ -219,6 +219,17 @@ pub(super) fn doubt(items: &[Item]) -> Option<String> {
     Some(format!("warning: {first}{more}"))
 }
 
+/// A word on files that a manifest names and nobody will find.
+pub fn not_there(items: &[Item]) -> Option<String> {
+    let named = items.iter().flat_map(|item| std::iter::once(&item.path).chain(&item.calib));
+    let missing: Vec<&PathBuf> = named.filter(|path| !path.is_file()).collect();
+    let first = missing.first()?.display();
+    Some(match missing.len() {
+        1 => format!("{first} does not exist"),
+        n => format!("{first} and {} more files do not exist", n - 1),
+    })
+}
+
 /// A cell as results hold it: what can be written back the same way as a whole number is one, the rest is text.
 fn word(cell: &str) -> Value {
     match cell.parse::<i64>() {

@@ -200,7 +200,7 @@ pub fn from_views(
             return Err(Error::measure(
                 format!("{} pictures", names.len()),
                 format!("only {} agree on a lens, of {total} that show the target", found.len()),
-                "give ten or more pictures of the target, tilted in different directions",
+                "give ten or more pictures by one camera, tilted in different directions, and check the target's columns and rows (squares, not inner corners, for chessboards)",
             ));
         }
         let views: Vec<BoardView> = found.iter().map(|f| f.1.clone()).collect();

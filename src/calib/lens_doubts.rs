@@ -6,6 +6,9 @@ use crate::calib::lens::{Parameter, Seen, ViewReport};
 use crate::camera::Lens;
 use crate::cv::Distortion;
 
+/// Where a lens misses its points by more, px, something is wrong with the pictures.
+const LARGE_RMS_PX: f64 = 0.4;
+
 /// What the pictures do not determine, and which pictures would.
 pub(super) fn doubts(
     views: &[ViewReport],
@@ -22,6 +25,13 @@ pub(super) fn doubts(
     let used = views.iter().filter(|v| v.used).count();
     if used < 8 {
         warnings.push(format!("only {used} views: take ten or more"));
+    }
+    let squares: f64 = seen.iter().map(|s| s.residual_px.norm_squared()).sum();
+    let rms_px = (squares / seen.len().max(1) as f64).sqrt();
+    if rms_px > LARGE_RMS_PX {
+        warnings.push(format!(
+            "the points miss by {rms_px:.2} px rms, where 0.1 px is usual: all pictures must be sharp and of one camera that nobody refocused or zoomed between them, and the target flat"
+        ));
     }
     let tilts = || views.iter().filter_map(|v| v.tilt_deg);
     let steepest = tilts().fold(0.0, f64::max);

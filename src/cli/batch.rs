@@ -90,7 +90,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let job = Job::read(&args.job)?;
     global.reads(&args.job, [job.calib_path()])?;
     if args.dry_run {
-        return dry_run(args, &job);
+        return dry_run(args, &job, global);
     }
     let Some(out) = global.out.clone() else {
         return Err(Error::option("--out", "is missing", "name a folder for the results"));
@@ -183,7 +183,7 @@ fn stopped_by_user() -> Arc<AtomicBool> {
     stop
 }
 
-fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
+fn dry_run(args: &Args, job: &Job, global: &Global) -> Result<Outcome> {
     job.prepare()?;
     let items = input::list(&args.input, job.kind())?;
     let plan = Plan {
@@ -192,7 +192,9 @@ fn dry_run(args: &Args, job: &Job) -> Result<Outcome> {
         job: job.clone(),
         images: items.iter().map(|i| i.name.clone()).collect(),
     };
-    let json = result("batch", &args.input, &[], &plan);
+    let warnings: Vec<String> = input::not_there(&items).into_iter().collect();
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let json = result("batch", &args.input, &warnings, &plan);
     let mut text = format!("would measure {} pictures\n", items.len());
     for item in items.iter().take(10) {
         let _ = writeln!(text, "  {}", item.name);

@@ -213,7 +213,11 @@ impl Machine {
 
     /// Lengths that look as if they were in another unit than mm.
     pub fn doubts(&self) -> Vec<String> {
-        units::pivot("the machine's head.r_mm", self.head.r_mm).into_iter().collect()
+        let Head { delta_x_mm, r_mm, .. } = self.head;
+        let r = units::pivot("the machine's head.r_mm", r_mm);
+        r.or_else(|| units::beside("the machine's head.delta_x_mm", delta_x_mm, r_mm))
+            .into_iter()
+            .collect()
     }
 
     /// What a user should know where an observed point is not named.

@@ -27,7 +27,12 @@ struct Area {
 
 pub fn draw(figure: &Figure) -> String {
     let columns = figure.columns.clamp(1, figure.panels.len().max(1));
-    let panel_width = if columns == 1 { WIDTH } else { 560.0 };
+    // On a page as wide as paper three in a row must still be read.
+    let panel_width = match columns {
+        1 => WIDTH,
+        2 => 560.0,
+        _ => 340.0,
+    };
     let rows = figure.panels.len().div_ceil(columns);
     let width = panel_width * columns as f64;
     let height = TITLE + HEIGHT * rows as f64;
@@ -149,7 +154,9 @@ fn scales(panel: &Panel, area: Area) -> (Scale, Scale) {
 
 fn draw_axes(out: &mut String, panel: &Panel, area: Area, x: &Scale, y: &Scale) {
     let Area { left, top, right, bottom } = area;
-    for (value, label) in x.ticks(70.0) {
+    // A narrow panel has ticks too.
+    let spacing = ((x.pixel_high - x.pixel_low) / 5.0).clamp(45.0, 70.0);
+    for (value, label) in x.ticks(spacing) {
         let px = x.pixel(value);
         let _ = writeln!(out, "<path d=\"M{px:.1} {top:.1}V{bottom:.1}\" stroke=\"#e4e4e4\"/>");
         text(out, px, bottom + 17.0, "middle", &label, "");

@@ -80,6 +80,12 @@ impl Dice {
         if let Some(bad) = values.iter().find(|v| !allowed.contains(v)) {
             return Err(self.fault(field, format!("may become {bad}"), fix));
         }
+        if let Draw::Between([low, high]) = draw
+            && low > high
+        {
+            let reason = format!("the range [{low}, {high}] begins with its larger end");
+            return Err(self.fault(field, reason, format!("write [{high}, {low}]")));
+        }
         let value = match draw {
             Draw::Fixed(value) => *value,
             Draw::Between([low, high]) => low + (high - low) * self.rng.random::<f64>(),
@@ -153,7 +159,8 @@ mod tests {
             let v = dice.roll("a.b", &Draw::Between([2.0, 3.0]), 0.0..=5.0).unwrap();
             assert!((2.0..=3.0).contains(&v));
         }
-        for bad in [Draw::Fixed(f64::NAN), Draw::Between([1.0, 9.0]), Draw::Any { any: vec![] }] {
+        let bad = [[1.0, 9.0].into(), [3.0, 2.0].into(), Draw::Any { any: vec![] }];
+        for bad in std::iter::once(Draw::Fixed(f64::NAN)).chain(bad) {
             let message = dice.roll("ring.radius_mm", &bad, 0.0..=5.0).unwrap_err().to_string();
             assert!(message.starts_with("s.toml: ring.radius_mm: "), "{message}");
         }

@@ -75,6 +75,8 @@ pub struct Truth<T> {
 /// # Errors
 /// A scene that cannot be, a folder that cannot be written, or what `meanwhile` refuses.
 pub fn burns(scene: &BurnScene, options: Options, meanwhile: Meanwhile) -> Result<Vec<Burn>> {
+    // What is wrong with the camera is told in the file's own numbers.
+    scene.draw_camera(options.seed)?;
     let mut scene = scene.clone();
     scene.camera = scene.camera.binned(options.binning);
     let camera = scene.draw_camera(options.seed)?;
@@ -97,6 +99,8 @@ pub fn burns(scene: &BurnScene, options: Options, meanwhile: Meanwhile) -> Resul
 /// # Errors
 /// As [`burns`].
 pub fn rods(scene: &RodScene, options: Options, meanwhile: Meanwhile) -> Result<Vec<Rod>> {
+    // What is wrong with the camera is told in the file's own numbers.
+    scene.draw_camera(options.seed)?;
     let mut scene = scene.clone();
     scene.camera = scene.camera.binned(options.binning);
     let camera = scene.draw_camera(options.seed)?;

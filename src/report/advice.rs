@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value};
 
+use super::history;
 use crate::batch::limits::number;
 use crate::measure::offset::Correction;
 use crate::uncertainty::text;
@@ -31,6 +32,9 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
                 get("failed")
             ),
         );
+    }
+    if command == "history" {
+        return history::verdict(result);
     }
     if command == "burn" && !stated.is_empty() {
         let of = format!(
@@ -150,6 +154,14 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
                 steps.push(format!("Undecided: {n}. Measure these again with less uncertainty."));
             }
             steps
+        }
+        ("history", _) => {
+            let drifts = map.get("drift").and_then(Value::as_array).is_some_and(|d| !d.is_empty());
+            vec![if drifts {
+                "Measure what changed again; where it stays so, look for the cause, and measure the machine anew.".into()
+            } else {
+                "Go on keeping results here (--records FILE): the more there are, the smaller a change that shows.".into()
+            }]
         }
         ("center", stated) if stated != "pass" => {
             let by = |k: usize| {

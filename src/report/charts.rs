@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value};
 
+use super::history;
 use crate::batch::limits::{number, u95_key};
 use crate::plot::{Figure, Panel};
 
@@ -9,6 +10,9 @@ use crate::plot::{Figure, Panel};
 pub fn of(command: &str, result: &Value) -> Vec<Figure> {
     let Some(map) = result.as_object() else { return Vec::new() };
     let mut figures = Vec::new();
+    if command == "history" {
+        figures.extend(history::figure(result));
+    }
     if command == "burn" {
         figures.extend(target(map));
     }

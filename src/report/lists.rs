@@ -2,13 +2,17 @@
 
 use serde_json::{Map, Value};
 
+use super::history;
 use super::numbers::unit;
 use super::words;
 
 /// Rows of a list beyond this many stay in the result's file.
-const MAX_ROWS: usize = 200;
+pub const MAX_ROWS: usize = 200;
 /// Poses of a sweep shown, the farthest astray first.
 const MAX_POSES: usize = 12;
+
+/// Decimals of a length in mm.
+const PLACES: usize = 4;
 
 /// A list of a result as a table.
 pub struct List {
@@ -22,12 +26,12 @@ pub struct List {
 
 /// The lists of objects in a result: rows of a sweep, effects of a diagnosis, statistics of a batch.
 pub fn lists(command: &str, result: &Value) -> Vec<List> {
-    let shown = ["limits", "circles", "pairs", "budget", "results"];
+    let shown = ["limits", "circles", "pairs", "budget", "results", "records"];
     let Some(map) = result.as_object() else { return Vec::new() };
     let vectors: Vec<Vec<String>> = (1..=4)
         .filter_map(|i| {
             let vector = map.get(&format!("i{i}_mm"))?.as_array()?;
-            let cells = vector.iter().map(|v| short("mm", Some(v)));
+            let cells = vector.iter().map(|v| short("mm", PLACES, Some(v)));
             Some(std::iter::once(format!("I{i}")).chain(cells).collect())
         })
         .collect();
@@ -58,9 +62,12 @@ pub fn lists(command: &str, result: &Value) -> Vec<List> {
                     head.push(name.clone());
                 }
             }
+            let places: Vec<usize> = head.iter().map(|h| places(&items, h)).collect();
             let rows: Vec<Vec<String>> = items
                 .iter()
-                .map(|o| head.iter().map(|h| short(unit(h), o.get(h))).collect())
+                .map(|o| {
+                    head.iter().zip(&places).map(|(h, &p)| short(unit(h), p, o.get(h))).collect()
+                })
                 .collect();
             let head: Vec<String> = head.iter().map(|h| heading(h)).collect();
             let title = match (command, key.as_str()) {
@@ -77,7 +84,8 @@ pub fn lists(command: &str, result: &Value) -> Vec<List> {
                 if all > items.len() { format!(" ({most} of {all})") } else { String::new() };
             (!rows.is_empty()).then(|| List { title: title + &more, head, rows })
         });
-    vectors.into_iter().chain(others).collect()
+    let records = (command == "history").then(|| history::list(result));
+    vectors.into_iter().chain(others).chain(records).collect()
 }
 
 fn capital(text: &str) -> String {
@@ -98,14 +106,32 @@ fn length(vector: Option<&Value>) -> f64 {
     parts.filter_map(Value::as_f64).map(|x| x * x).sum::<f64>().sqrt()
 }
 
-/// A number with as many digits as its unit needs, anything else as words.
-fn short(unit: &str, value: Option<&Value>) -> String {
+/// Decimals of a column: more where all of its lengths are small.
+fn places(items: &[&Map<String, Value>], key: &str) -> usize {
+    fn largest(value: &Value) -> f64 {
+        match value {
+            Value::Array(list) => list.iter().map(largest).fold(0.0, f64::max),
+            _ => value.as_f64().map_or(0.0, f64::abs),
+        }
+    }
+    match items.iter().filter_map(|o| o.get(key)).map(largest).fold(0.0, f64::max) {
+        x if x >= 0.02 => PLACES,
+        x if x >= 0.002 => PLACES + 1,
+        _ => PLACES + 2,
+    }
+}
+
+/// A number with as many digits as its unit needs, lengths with so many decimals, anything else as words.
+fn short(unit: &str, places: usize, value: Option<&Value>) -> String {
     match value {
         Some(Value::Number(n)) if n.is_f64() => {
             let x = n.as_f64().unwrap_or(0.0);
             match unit {
-                // Adding zero turns -0 into 0.
-                "mm" => format!("{:.4}", (1e4 * x).round() / 1e4 + 0.0),
+                "mm" => {
+                    let unit = 10f64.powi(places as i32);
+                    // Adding zero turns -0 into 0.
+                    format!("{:.places$}", (unit * x).round() / unit + 0.0)
+                }
                 "deg" => format!("{:.4}", (1e4 * x).round() / 1e4 + 0.0)
                     .trim_end_matches('0')
                     .trim_end_matches('.')
@@ -115,12 +141,12 @@ fn short(unit: &str, value: Option<&Value>) -> String {
             }
         }
         Some(Value::Array(list)) => {
-            list.iter().map(|v| short(unit, Some(v))).collect::<Vec<_>>().join(", ")
+            list.iter().map(|v| short(unit, places, Some(v))).collect::<Vec<_>>().join(", ")
         }
         Some(Value::Object(map)) => {
             let pairs = map
                 .iter()
-                .map(|(k, v)| format!("{}: {}", heading(k), short(self::unit(k), Some(v))));
+                .map(|(k, v)| format!("{}: {}", heading(k), short(self::unit(k), PLACES, Some(v))));
             pairs.collect::<Vec<_>>().join("; ")
         }
         other => words(other),

@@ -3,6 +3,7 @@
 
 pub(crate) mod advice;
 mod charts;
+mod history;
 pub(crate) mod html;
 mod lists;
 mod numbers;
@@ -169,6 +170,7 @@ fn heading(command: &str) -> &str {
         "verify" => "RTCP verification",
         "diagnose" => "Diagnosis",
         "batch" => "Batch",
+        "history" => "History",
         "align" => "Lie of the blank",
         "rotary" => "Pitch-error correction of a rotary axis",
         "ballbar-decouple" => "Ball bar: errors taken apart",

@@ -63,7 +63,10 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
     let mut rows: Vec<Characteristic> = flatten(result)
         .into_iter()
         .filter_map(|(key, value)| {
-            if ["limits.", "statistics.", "rows."].iter().any(|list| key.starts_with(list)) {
+            if ["limits.", "statistics.", "rows.", "records.", "drift."]
+                .iter()
+                .any(|list| key.starts_with(list))
+            {
                 return None;
             }
             let u95 = u95_key(&key).and_then(|k| number(map, &k))?;

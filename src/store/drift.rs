@@ -7,10 +7,10 @@ use serde_json::Value;
 
 use super::Record;
 use crate::batch::limits::{number, u95_key};
-use crate::clock::{DAY_S, parse};
+use crate::clock::{DAY_S, parse, utc};
 use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
 use crate::plot::{Figure, Panel};
-use crate::uncertainty::{K95, k95};
+use crate::uncertainty::{K95, k95, text};
 
 /// What is followed over time: command, key, name, key of its limit.
 const FOLLOWED: [(&str, &str, &str, Option<&str>); 25] = [
@@ -140,7 +140,12 @@ impl Series {
                     kind: kind.into(),
                     change,
                     change_u95,
-                    text: format!("{}: {what} {change:+.4} ± {change_u95:.4}", self.label),
+                    text: format!(
+                        "{}: {what} {}{}",
+                        self.label,
+                        if change > 0.0 { "+" } else { "" },
+                        text(change, change_u95)
+                    ),
                 });
             }
         };
@@ -166,7 +171,8 @@ impl Series {
         let interval = |p: &(f64, f64, f64)| (p.0 - origin, p.1 - p.2, p.1 + p.2);
         let shifted: Vec<_> = self.points.iter().map(interval).collect();
         let line: Vec<_> = self.points.iter().map(|p| (p.0 - origin, p.1)).collect();
-        let panel = Panel::new("days", self.label.clone())
+        let since = utc((origin * DAY_S) as u64)[..16].replace('T', " ");
+        let panel = Panel::new(format!("days since {since}"), self.label.clone())
             .title(format!("{} {}", self.command, self.key))
             .band("95 % interval", &shifted)
             .line("", &line)
@@ -186,9 +192,9 @@ pub fn values(record: &Record) -> Vec<String> {
         .filter_map(|s| {
             let value = number(result, &s.key)?;
             let u95 = u95_key(&s.key).and_then(|k| number(result, &k));
-            let u95 = u95.map_or(String::new(), |u95| format!(" ± {u95:.4}"));
+            let value = u95.map_or_else(|| format!("{value:.4}"), |u95| text(value, u95));
             let (name, unit) = s.label.split_once(", ").unwrap_or((&s.label, ""));
-            Some(format!("{name} {value:.4}{u95} {unit}"))
+            Some(format!("{name} {value} {unit}"))
         })
         .collect()
 }

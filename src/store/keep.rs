@@ -24,9 +24,16 @@ impl FromStr for Taken {
     fn from_str(text: &str) -> std::result::Result<Self, String> {
         match text {
             "file" => Ok(Self::File),
-            _ => clock::parse(text).map(Self::At).ok_or_else(|| {
-                "is no time: write 2026-11-24, 2026-11-24T10:30:00Z (UTC) or file".into()
-            }),
+            _ => match clock::parse(text) {
+                // A day more than the clock says: where it is tomorrow already, and for clocks that differ.
+                Some(time) if time > clock::now() + 86_400 => {
+                    Err("is in the future: correct the date".into())
+                }
+                Some(time) => Ok(Self::At(time)),
+                None => {
+                    Err("is no time: write 2026-11-24, 2026-11-24T10:30:00Z (UTC) or file".into())
+                }
+            },
         }
     }
 }
