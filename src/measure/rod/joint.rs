@@ -1,6 +1,6 @@
 //! One radius and one centre per table angle through the edge points of all captures.
 
-use nalgebra::{DMatrix, DVector, Vector2};
+use nalgebra::{DMatrix, DVector, Matrix2, Vector2};
 
 use super::agreement;
 use super::light::Bow;
@@ -83,10 +83,20 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         };
         // Many that are far off are no slips but how this machine is.
         let slips = missed.iter().filter(|m| gross(m)).count() <= arcs.len().div_ceil(10);
-        for (weights, missed) in joint.weights.iter_mut().zip(&missed) {
-            let agreeing = weights.iter().filter(|w| **w > 0.0).count() as f64;
-            if slips && gross(missed) || agreeing < LEAST_AGREEING * weights.len() as f64 {
-                weights.fill(0.0);
+        for (k, arc) in arcs.iter().enumerate() {
+            let slipped = slips && gross(&missed[k]);
+            // One that is no farther off than others are may only have been left behind as the cut came down.
+            let usual = !slipped && missed[k].is_some_and(|m| m <= USUAL * displacement);
+            if usual && agreeing(&joint.weights[k]) < LEFT_BEHIND {
+                let again = displaced(arc, &own[k], &joint, cut);
+                let better = |w: &Vec<f64>| agreeing(w) > agreeing(&joint.weights[k]);
+                if let Some((shift, weights)) = again.filter(|(_, weights)| better(weights)) {
+                    joint.shifts[arc.capture] = shift;
+                    joint.weights[k] = weights;
+                }
+            }
+            if slipped || agreeing(&joint.weights[k]) < LEAST_AGREEING {
+                joint.weights[k].fill(0.0);
             }
         }
         // Wander alone moves the middle of an arc by half the scatter of its points.
@@ -96,6 +106,32 @@ pub(super) fn robust(arcs: &[Arc], start: &Joint, rounds: usize) -> Option<Joint
         }
     }
     Some(joint)
+}
+
+/// Share of an arc's points that have a weight.
+fn agreeing(weights: &[f64]) -> f64 {
+    weights.iter().filter(|w| **w > 0.0).count() as f64 / weights.len() as f64
+}
+
+/// By how much an arc by itself lies elsewhere than the machine says, and the weights of its points there.
+fn displaced(arc: &Arc, own: &[f64], joint: &Joint, cut: f64) -> Option<(Vector2<f64>, Vec<f64>)> {
+    const STEPS: usize = 4;
+    let put = joint.put(arc);
+    let (mut shift, mut weights) = (joint.shifts[arc.capture], own.to_vec());
+    for _ in 0..STEPS {
+        let circle = Circle { center: put.center + shift, ..put };
+        let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
+        for (place, weight) in arc.points.place_mm.iter().zip(&weights).filter(|(_, w)| **w > 0.0) {
+            let out = (place - circle.center).normalize();
+            normal += *weight * out * out.transpose();
+            right += *weight * circle.distance(*place) * out;
+        }
+        shift += normal.try_inverse()? * right;
+        let circle = Circle { center: put.center + shift, ..put };
+        let off = arc.points.place_mm.iter().map(|place| circle.distance(*place));
+        weights = off.zip(own).map(|(off, own)| own * tukey(off / cut)).collect();
+    }
+    Some((shift, weights))
 }
 
 /// How far each point of each arc lies outside the arc's circle.
@@ -124,6 +160,9 @@ fn missed(arcs: &[Arc], joint: &Joint, own: &[Vec<f64>]) -> Vec<Option<f64>> {
 
 /// An arc that misses the circle by this many times what the others do is no such arc, or its position is wrong.
 const GROSS: f64 = 8.0;
+/// The same of one that is as the others are; where less than this share of its points agrees it is looked at by itself.
+const USUAL: f64 = 3.0;
+const LEFT_BEHIND: f64 = 0.5;
 /// No machine that cuts is out of place by this much by chance.
 const GROSS_MM: f64 = 0.02;
 /// Where less than this share of an arc's points agrees with a circle, they do so by chance.
