@@ -353,6 +353,11 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         ("a.apt", "CUTCOM/LEFT\n".into(), "cutter compensation"),
         ("a.apt", "CALL/SUB\n".into(), "subprogram"),
         ("a.apt", "TRANS/0,0,5\n".into(), "a shift"),
+        (
+            "a.apt",
+            "FEDRAT/.3,MMPR\nGOTO/1,2,3,0,0,1\n".into(),
+            "a.apt:1: block: FEDRAT gives the feed as MMPR",
+        ),
     ] {
         let input = dir.path().join(name);
         std::fs::write(&input, text).unwrap();
@@ -379,6 +384,12 @@ fn what_cannot_be_moved_is_refused_by_line_number() {
         std::fs::write(&input, text).unwrap();
         apply(&alignment, &machine(), &input, &dir.path().join("out.nc"), options).unwrap();
     }
+    // A feed in inches is one in mm; what each machine has its own words for is counted.
+    let (input, output) = (dir.path().join("ipm.apt"), dir.path().join("ipm.nc"));
+    std::fs::write(&input, "FEDRAT/30,IPM\nSPINDL/900,CLW\nGOTO/1,2,3,0,0,1\nFINI\n").unwrap();
+    let report = apply(&alignment, &machine(), &input, &output, &Options::default()).unwrap();
+    assert!(std::fs::read_to_string(output).unwrap().contains("F762\n"));
+    assert_eq!(report.log.left_out.first_lines, [2]);
     // What moves nothing passes as it stands, words in place, and inverse time is shared out.
     let input = dir.path().join("a.nc");
     std::fs::write(&input, "%\nO100 (JOB)\nG21 G90 G54\nT5 M6\nG4 X1.5\nG0 X0 Y0 Z100 A-20 C0 S900 M3\nG93\nN9 G1 C90 F2 M7 M5 (TURN)\nM30\n").unwrap();

@@ -109,6 +109,13 @@ impl Options {
                 "give 1 to 12",
             ));
         }
+        if let Some(d) = self.decimals
+            && 0.5 * 0.1f64.powi(d as i32) > self.tolerance_mm
+        {
+            let reason =
+                format!("{d} rounds by more than --tolerance-mm, {} mm", self.tolerance_mm);
+            return Err(Error::option("--decimals", reason, "give more, or a wider tolerance"));
+        }
         Ok((from, to))
     }
 }

@@ -87,6 +87,27 @@ pub fn parse_apt<'a>(line: &'a str, modal: &mut Vector3<f64>) -> Result<Record<'
     Ok(Record::Other(line))
 }
 
+/// The feed that a statement of APT sets, in mm/min; `None` where it sets none. One per revolution or of inverse time is refused: it is no F of the code
+/// that is written.
+pub fn feed_mm_min(statement: &str) -> Result<Option<f64>, Refusal> {
+    const MM_PER_INCH: f64 = 25.4;
+    let upper = statement.trim().to_ascii_uppercase();
+    let Some(rest) = upper.strip_prefix("FEDRAT/") else { return Ok(None) };
+    let (mut feed, mut factor) = (None, 1.0);
+    for word in rest.split(',').map(str::trim).filter(|word| !word.is_empty()) {
+        match (word.parse::<f64>(), word) {
+            (Ok(value), _) => feed = feed.or(Some(value)),
+            (Err(_), "MMPM" | "MMPMIN" | "PERMIN" | "NOMORE") => {}
+            (Err(_), "IPM") => factor = MM_PER_INCH,
+            (Err(_), unit) => {
+                let reason = format!("FEDRAT gives the feed as {unit}, and F is in mm/min here");
+                return Err((reason, "post it in mm/min, FEDRAT/800"));
+            }
+        }
+    }
+    Ok(feed.map(|feed| feed * factor).filter(|feed| feed.is_finite() && *feed > 0.0))
+}
+
 fn pose<'a>(
     words: impl Iterator<Item = &'a str>,
     modal: &mut Vector3<f64>,

@@ -72,8 +72,7 @@ impl Mover {
         let pose = match record.map_err(Stop::Refused)? {
             Record::Pose(pose) => self.moved(&pose),
             Record::Other(other) => {
-                self.other(other, from, out);
-                return Ok(());
+                return self.other(line, other, from, out).map_err(Stop::Refused);
             }
         };
         match self.to {
@@ -117,30 +116,48 @@ impl Mover {
     }
 
     /// A line that moves nothing, in the output's form.
-    fn other(&mut self, text: &str, from: Form, out: &mut String) {
+    fn other(
+        &mut self,
+        line: u64,
+        text: &str,
+        from: Form,
+        out: &mut String,
+    ) -> Result<(), Refusal> {
+        /// Statements that do nothing at a machine.
+        const SAY_ONLY: [&str; 8] =
+            ["PARTNO", "REMARK", "PPRINT", "MULTAX", "FINI", "END", "UNITS", "FEDRAT"];
         if self.to == from {
             out.push_str(text);
             out.push('\n');
-            return;
+            return Ok(());
         }
         let upper = text.trim().to_ascii_uppercase();
         if self.to != Form::Nc || from != Form::Apt || upper.is_empty() {
-            return;
+            return Ok(());
         }
         if upper.starts_with("RAPID") {
             self.rapid_next = true;
-        } else if let Some(feed) = upper
-            .strip_prefix("FEDRAT/")
-            .and_then(|r| r.split(',').find_map(|w| w.trim().parse::<f64>().ok()))
-            .filter(|f| f.is_finite() && *f > 0.0 && *f != self.feed)
-        {
-            self.feed = feed;
-            out.push_str(&format!("F{feed}\n"));
-        } else {
-            out.push('(');
-            out.extend(text.trim().chars().map(|c| if matches!(c, '(' | ')') { ' ' } else { c }));
-            out.push_str(")\n");
+            return Ok(());
         }
+        match cl::feed_mm_min(text)? {
+            Some(feed) if feed == self.feed => {}
+            Some(feed) => {
+                self.feed = feed;
+                out.push_str(&format!("F{feed}\n"));
+            }
+            None => {
+                if !upper.starts_with("$$") && !SAY_ONLY.iter().any(|word| upper.starts_with(word))
+                {
+                    self.poster.log.left_out.add(line);
+                }
+                out.push('(');
+                out.extend(
+                    text.trim().chars().map(|c| if matches!(c, '(' | ')') { ' ' } else { c }),
+                );
+                out.push_str(")\n");
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn nc<'a>(

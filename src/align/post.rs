@@ -27,6 +27,8 @@ pub struct Log {
     pub long_rotary: Lines,
     /// The largest of them.
     pub largest_rotary_deg: f64,
+    /// Statements of APT that each machine has its own words for: comments of the NC code.
+    pub left_out: Lines,
     /// Moves that leave the path by more than the tolerance in spite of added points.
     pub not_held: Lines,
 }
@@ -41,7 +43,7 @@ pub struct Lines {
 }
 
 impl Lines {
-    fn add(&mut self, line: u64) {
+    pub(super) fn add(&mut self, line: u64) {
         self.count += 1;
         if self.first_lines.len() < 10 && self.first_lines.last() != Some(&line) {
             self.first_lines.push(line);

@@ -152,6 +152,12 @@ fn apply_to(args: &ApplyArgs, global: &Global) -> Result<Outcome> {
             list(&log.long_rotary)
         ));
     }
+    if log.left_out.count > 0 {
+        warnings.push(format!(
+            "statements that each machine has its own words for (spindle, coolant, tool, stop) are comments now: {}",
+            list(&log.left_out)
+        ));
+    }
     if log.not_held.count > 0 {
         warnings.push(format!(
             "the path is not held within {} mm: {}",
