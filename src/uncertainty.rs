@@ -39,11 +39,18 @@ pub fn scatters_more(seen: f64, dof: f64, told: f64) -> bool {
 /// Last digits that lengths in mm may have been rounded to. Coarser ones are of round numbers, not of a probe or an indicator.
 const COARSE_STEPS_MM: [f64; 5] = [1e-2, 1e-3, 1e-4, 1e-5, 1e-6];
 
-/// What the last digit of readings stands for, in their unit: 0 where it is too small to matter.
+/// Scales are divided in fives and twos, too: parts of a digit, and from how many readings on such a division is no chance.
+const DIVISIONS: [(f64, usize); 3] = [(1.0, 0), (0.5, 3), (0.2, 7)];
+
+/// The step between readings' values, in their unit: 0 where it is too small to matter.
 pub fn last_digit(readings: &[f64]) -> f64 {
     let whole = |steps: f64| (steps - steps.round()).abs() < 1e-4;
-    let rounded = |step: &f64| readings.iter().all(|v| whole(v / step));
-    COARSE_STEPS_MM.into_iter().find(rounded).unwrap_or(0.0)
+    let is_step = |step: &f64| readings.iter().all(|v| whole(v / step));
+    let divided = |digit: f64| {
+        let parts = DIVISIONS.iter().filter(|(_, least)| readings.len() >= *least);
+        parts.map(move |(part, _)| part * digit)
+    };
+    COARSE_STEPS_MM.into_iter().flat_map(divided).find(is_step).unwrap_or(0.0)
 }
 
 /// Standard uncertainty of lengths by their last digit alone, mm: readings that agree to it tell no more.
@@ -197,6 +204,17 @@ mod tests {
             assert!((k95(dof) / k - 1.0).abs() < 5e-3, "dof {dof}: {}", k95(dof));
         }
         assert_eq!(k95(f64::INFINITY), K95);
+    }
+
+    #[test]
+    fn the_step_of_a_scale_is_seen_in_its_readings() {
+        let read = |step: f64| [3, 11, -7, 2, 0, 5, 19, 8].map(|k| step * f64::from(k));
+        for step in [0.01, 0.005, 0.002, 0.001, 0.0005, 1e-5] {
+            assert!((last_digit(&read(step)) / step - 1.0).abs() < 1e-9, "{step}");
+        }
+        // A few even ones are chance.
+        assert_eq!(last_digit(&[0.002, 0.004, 0.012]), 0.001);
+        assert_eq!(last_digit(&[0.001_234_567_8]), 0.0);
     }
 
     #[test]

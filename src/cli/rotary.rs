@@ -96,6 +96,12 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         };
         global.write(path, export::text(&report, &table)?.as_bytes())?;
         report.expect(&export::as_written(&report, &table)?);
+        if let Some(apart_deg) = export::left_between_directions_deg(&report, &table)? {
+            report.warnings.push(format!(
+                "columns of steps are zero at the reference position in both directions, where the entries for - and + are {apart_deg:+.4}° apart: \
+                 enter that as the axis' backlash, or it stays out in direction -"
+            ));
+        }
         if let Some(left_deg) = export::left_at_reference_deg(&report, &table)? {
             report.warnings.push(format!(
                 "a table of steps is zero at the reference position, {}°: shift the axis by {left_deg:+.4}° there, or that much of the \

@@ -79,6 +79,16 @@ impl Grid {
         self.angles.iter().position(|a| (a - options.reference_deg).abs() < 1e-6 * self.step())
     }
 
+    /// What a table of steps for each direction leaves out: how far these are apart at the reference position, degrees. None where it holds values, or one
+    /// direction.
+    fn lost_in_steps(&self, options: &Options) -> Option<f64> {
+        let down = self
+            .down
+            .as_ref()
+            .filter(|_| options.control == Control::Csv && options.incremental)?;
+        self.at_reference(options).map(|at| down[at] - self.up[at])
+    }
+
     /// Mean of (down - up), degrees; none where directions are not told.
     fn reversal(&self) -> Option<f64> {
         let down = self.down.as_ref()?;
@@ -97,7 +107,13 @@ impl Grid {
     fn in_steps(mut self, options: &Options) -> Self {
         let r = options.resolution_deg;
         match options.control {
-            Control::Csv | Control::Linuxcnc => self.each(|v| rounded(v, r)),
+            Control::Csv | Control::Linuxcnc => {
+                // Steps of both directions begin at one zero.
+                if let (Some(lost), Some(down)) = (self.lost_in_steps(options), &mut self.down) {
+                    down.iter_mut().for_each(|v| *v -= lost);
+                }
+                self.each(|v| rounded(v, r));
+            }
             Control::Siemens => {
                 // One table for both directions; the mean reversal is a machine datum of its own.
                 if let (Some(reversal), Some(down)) = (self.reversal(), &mut self.down) {
@@ -155,6 +171,13 @@ pub fn left_at_reference_deg(report: &Report, options: &Options) -> Result<Optio
     let grid = Grid::of(report, options)?;
     let left = grid.at_reference(options).map_or(0.0, |i| grid.up[i]);
     Ok((left.abs() >= 0.5 * options.resolution_deg).then_some(left))
+}
+
+/// How far apart both directions' entries are at the reference position, degrees, where columns of steps begin at zero there. `None` where it is too small to
+/// enter, or the table holds it.
+pub fn left_between_directions_deg(report: &Report, options: &Options) -> Result<Option<f64>> {
+    let lost = Grid::of(report, options)?.lost_in_steps(options);
+    Ok(lost.filter(|lost| lost.abs() >= 0.5 * options.resolution_deg))
 }
 
 /// The table's text.

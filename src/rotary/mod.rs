@@ -5,6 +5,7 @@
 //! `comp_new = comp_old - ε`: a positive entry adds to the commanded angle. `L` is measured, never assumed:
 //! the rounded shop rule "0.01 mm = 0.001°" holds at L = 573 mm only.
 
+mod astray;
 mod copies;
 pub mod curve;
 pub mod export;
@@ -107,12 +108,14 @@ pub fn correct(sweep: &Sweep, options: &Options) -> Result<Report> {
     let mut warnings = sweep.warnings.clone();
     let length = options.pivot_mm;
     warnings.extend(units::pivot("--pivot-mm", length));
+    warnings.extend(units::limit("--dead-band-mm", options.dead_band_mm));
+    warnings.extend(options.tolerance_mm.and_then(|mm| units::limit("--tolerance-mm", mm)));
     let error_deg = |mm: f64| (mm / length).atan().to_degrees();
     if let Some(bad) = sweep.groups.iter().find(|g| error_deg(g.mean_mm).abs() > MOST_ERROR_DEG) {
         return Err(Error::measure(
             format!("{:.3}°", bad.angle_deg),
             format!(
-                "a deviation of {} mm is no pitch error at L = {length} mm: it is {:.2}°, over {MOST_ERROR_DEG}°",
+                "a mean deviation of {:.4} mm is no pitch error at L = {length} mm: it is {:.2}°, over {MOST_ERROR_DEG}°",
                 bad.mean_mm,
                 error_deg(bad.mean_mm)
             ),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{Options, copies};
+use super::{Options, astray, copies};
 use crate::error::{Error, Result};
 use crate::table::Table;
 use crate::uncertainty::{K95, k95, rounding_mm, scatters_more};
@@ -102,10 +102,11 @@ pub enum NoiseSource {
     Unknown,
 }
 
-struct Reading {
-    group: usize,
-    run: String,
-    deviation_mm: f64,
+pub(super) struct Reading {
+    pub group: usize,
+    pub run: String,
+    pub deviation_mm: f64,
+    pub row: usize,
 }
 
 impl Sweep {
@@ -160,9 +161,10 @@ impl Sweep {
                 run => run.to_owned(),
             };
             groups[group].readings += 1;
-            groups[group].mean_mm += deviation_mm;
-            readings.push(Reading { group, run, deviation_mm });
+            readings.push(Reading { group, run, deviation_mm, row });
         }
+        astray::leave_out(table, &mut groups, &mut readings, &mut warnings);
+        readings.iter().for_each(|r| groups[r.group].mean_mm += r.deviation_mm);
         if groups.iter().any(|g| g.dir.is_none()) && groups.iter().any(|g| g.dir.is_some()) {
             return Err(Error::file(
                 table.path(),
@@ -286,8 +288,8 @@ impl Noise {
             ),
             NoiseSource::Given | NoiseSource::Repeats => None,
             NoiseSource::Roughness => Some(
-                "no repeated runs: the noise is taken from how rough the curve is, an upper bound; \
-                 repeat the sweep or give --noise-mm"
+                "no repeated runs: the noise is taken from how rough the curve is, and how much the indicator's zero shifts \
+                 from run to run is in no interval; repeat the sweep"
                     .to_owned(),
             ),
             NoiseSource::Unknown => Some(
