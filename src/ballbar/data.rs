@@ -44,8 +44,9 @@ impl Data {
         let (mut paths, mut points) = (Vec::<(String, Path)>::new(), Vec::new());
         let shifts = table.optional_column("cup_y_mm")?;
         warnings.extend(units::angles("b_deg", &table.column("b_deg")?));
-        if let Some(dir) = table.optional_column("dir")? {
-            table.check_directions("dir", &dir, &mut warnings)?;
+        let dir = table.optional_column("dir")?;
+        if let Some(dir) = &dir {
+            table.check_directions("dir", dir, &mut warnings)?;
         }
         for row in 0..table.rows() {
             let name = table.text(row, "path");
@@ -82,7 +83,8 @@ impl Data {
                 // Files have the source's Z, down; the other sense is tried below.
                 up_mm: -column("z_mm", implied.map(|p| -p.up_mm))?,
             };
-            points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm });
+            let dir = dir.as_ref().map_or(0.0, |dir| dir[row]);
+            points.push(Point { pose, path: index, cup_y_mm: path.cup_y_mm, dir });
         }
         let lengths_mm = table.column("length_mm")?;
         let largest = with_sense(&mut points, &lengths_mm, options, table.has("z_mm"))?;

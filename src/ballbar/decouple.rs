@@ -6,7 +6,7 @@ use super::data::Data;
 use super::model::{Bar, ERRORS, Errors, Point, to_unit};
 use super::path::{Kind, Path, Setup};
 use super::report::{Combination, Report, Term, Value};
-use super::sight::{Sight, null_space, rows, suggest};
+use super::sight::{Sight, null_space, rows, suggest, there_and_back};
 use super::swarm;
 use crate::error::{Error, Result, above_zero};
 use crate::fit::least_squares::Solution;
@@ -80,6 +80,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
         .iter()
         .cloned()
         .chain(warnings(options, rms, dof))
+        .chain(reversal(data))
         .chain(beside_x(data, &visible))
         .collect();
     let swarm_value =
@@ -198,6 +199,13 @@ fn warnings(options: &Options, rms_mm: f64, dof: f64) -> Vec<String> {
         warnings.push(format!("the six errors leave {rms_mm:.4} mm, more than the noise: something else is wrong (see diagnose)"));
     }
     warnings
+}
+
+/// What the reversal of the axes adds is told apart by the column `dir`.
+fn reversal(data: &Data) -> Option<String> {
+    there_and_back(&data.points).then(|| {
+        "what a backlash of B or Z adds on the way back is fitted beside the errors and in none of them (diagnose ballbar tells its size)".to_owned()
+    })
 }
 
 /// The X axis is none of the six: where it moves, what is wrong with it goes into what it looks like.

@@ -22,12 +22,17 @@ pub struct Point {
     pub path: usize,
     /// Base cup off the plane of motion.
     pub cup_y_mm: f64,
+    /// Which way the axes went: 1 or -1, or 0 where nobody says.
+    pub dir: f64,
 }
 
 impl Point {
     /// A path's poses as points.
     pub fn of(path: &Path, index: usize, poses: &[Pose]) -> Vec<Self> {
-        poses.iter().map(|&pose| Self { pose, path: index, cup_y_mm: path.cup_y_mm }).collect()
+        poses
+            .iter()
+            .map(|&pose| Self { pose, path: index, cup_y_mm: path.cup_y_mm, dir: 0.0 })
+            .collect()
     }
 }
 
@@ -100,6 +105,11 @@ impl Bar {
             }
         }
         Ok(matrix)
+    }
+
+    /// How far the tool ball moves for each radian of B, mm.
+    pub(super) fn scale_b_mm(&self) -> f64 {
+        self.setup.pivot_mm
     }
 
     /// Size of each error that moves the tool ball by about 1 mm.

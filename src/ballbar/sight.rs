@@ -59,6 +59,11 @@ impl Sight {
     }
 }
 
+/// Whether the axes went both ways, and the points say so.
+pub(super) fn there_and_back(points: &[Point]) -> bool {
+    [1.0, -1.0].iter().all(|way| points.iter().any(|p| p.dir == *way))
+}
+
 /// Columns of what is not known beside the errors.
 fn nuisances(bar: &Bar, points: &[Point], options: &Options) -> Result<DMatrix<f64>> {
     let paths = points.iter().map(|p| p.path + 1).max().unwrap_or(0);
@@ -78,6 +83,22 @@ fn nuisances(bar: &Bar, points: &[Point], options: &Options) -> Result<DMatrix<f
     }
     if options.unknown_bar {
         columns.push(DVector::from_element(points.len(), -1.0));
+    }
+    if there_and_back(points) {
+        // What a backlash of B or of Z adds, either way: the axis stands elsewhere than it reads.
+        for moved in [[0.01 / bar.scale_b_mm(), 0.0], [0.0, 0.01]] {
+            let at = |sign: f64| {
+                let elsewhere = |p: &Point| {
+                    let mut p = *p;
+                    p.pose.b_rad += sign * moved[0] * p.dir;
+                    p.pose.up_mm += sign * moved[1] * p.dir;
+                    p
+                };
+                bar.known(&points.iter().map(elsewhere).collect::<Vec<_>>(), &[0.0; 6])
+            };
+            let (up, down) = (at(1.0)?, at(-1.0)?);
+            columns.push(DVector::from_fn(points.len(), |i, _| (up[i] - down[i]) / 0.02));
+        }
     }
     Ok(if columns.is_empty() {
         DMatrix::zeros(points.len(), 0)
