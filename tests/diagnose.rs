@@ -183,6 +183,31 @@ fn bad_input_is_told_what_to_do() {
     assert_eq!(json(&plan, folder)["detectable"].as_array().unwrap().len(), 24);
 }
 
+#[test]
+fn lengths_in_metres_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("machine.toml"), MACHINE).unwrap();
+    let mut ballbar = String::from("b_deg,length_mm\n");
+    let mut thermal = String::from("t_s,axis,position_mm,error_mm,screw_c,head_1_c\n");
+    for k in 0..60 {
+        let noise = 1e-3 * f64::from(k * 7 % 13 - 6);
+        writeln!(ballbar, "{},{:.7}", -k, 0.4 + 1e-3 * noise).unwrap();
+        let (place, warm) = (0.1 * f64::from(k % 6), 20.0 + 0.1 * f64::from(k));
+        writeln!(thermal, "{},x,{place},{noise},{warm},{}", 60 * k, warm - 20.0).unwrap();
+    }
+    for (kind, data, column) in
+        [("ballbar", ballbar, "length_mm"), ("thermal", thermal, "position_mm")]
+    {
+        std::fs::write(folder.join("data.csv"), data).unwrap();
+        let output =
+            run(&["diagnose", kind, "--model", "machine.toml", "--data", "data.csv"], folder);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let told = |line: &str| line.contains(column) && line.contains("metres");
+        assert!(said.lines().any(told), "{kind}: {said}");
+    }
+}
+
 const HOSE: &str = r#"
 schema = 1
 [[effects]]
@@ -392,22 +417,16 @@ fn short_arcs_of_a_rod_with_tool_marks_name_the_backlash() {
         "schema = 1\nname = \"plain\"\n[scale]\nmm_per_px = 0.01\n",
     )
     .unwrap();
-    std::fs::write(folder.path().join("machine.toml"), MACHINE).unwrap();
-    let report = json(
-        &[
-            "diagnose",
-            "rod",
-            "--model",
-            "machine.toml",
-            "--calib",
-            "calib.toml",
-            "--data",
-            "points.csv",
-            "--format",
-            "json",
-        ],
-        folder.path(),
-    );
+    let diagnose = ["diagnose", "rod", "--calib", "calib.toml", "--data", "points.csv"];
+    let report =
+        |more: &[&str]| json(&[&diagnose[..], &["--format", "json"], more].concat(), folder.path());
+    // Nothing need be known of the head, and nothing is made up in the model that is written.
+    let corrected = report(&["--write-model", "corrected.toml"]);
+    let report = {
+        let again = report(&["--model", "corrected.toml"]);
+        assert_eq!(again["verdict"], "consistent", "{again:#}");
+        corrected
+    };
     assert_eq!(report["verdict"], "named", "{report:#}");
     let effects = report["effects"].as_array().unwrap();
     assert_eq!(effects.len(), 1, "{effects:#?}");

@@ -217,7 +217,8 @@ fn effect_lines(e: &NamedEffect) -> String {
         }
     }
     if !e.confusable_with.is_empty() {
-        let _ = writeln!(t, "            fits as well: {}", e.confusable_with.join(", "));
+        let own = 100.0 * e.weight;
+        let _ = writeln!(t, "            fits as well: {} (itself {own:.0} %)", e.class());
     }
     if !e.form_corrected_over.is_empty() {
         let _ = writeln!(

@@ -36,8 +36,9 @@ impl Source {
     /// The machine file, or an empty machine where none is given and none is needed.
     pub fn machine(&self) -> Result<Machine> {
         match &self.model {
-            Some(path) => Machine::read(path),
-            None if matches!(self.kind, DataKind::Rtcp | DataKind::Ballbar) => Err(Error::option(
+            Some(path) if self.kind.needs_head() => Machine::read(path),
+            Some(path) => Machine::read_without_head(path),
+            None if self.kind.needs_head() => Err(Error::option(
                 "--model",
                 "is missing: the prediction needs the machine's geometry",
                 "give the machine.toml that the control's numbers stand in",

@@ -96,8 +96,7 @@ fn named(e: &NamedEffect) -> Vec<String> {
         None => format!("{k} = {v}"),
     };
     let sizes: Vec<String> = e.parameters.iter().map(size).collect();
-    let rivals =
-        if e.confusable_with.is_empty() { "none".into() } else { e.confusable_with.join(", ") };
+    let rivals = if e.confusable_with.is_empty() { "none".into() } else { e.class() };
     let share = format!("{:.0} %", e.share_percent);
     vec![e.name.clone(), e.meaning.clone(), sizes.join(", "), share, rivals]
 }

@@ -52,10 +52,23 @@ pub struct NamedEffect {
     pub share_percent: f64,
     /// Chance of as much evidence from noise.
     pub p_value: f64,
-    /// Probability among the names of its class, from likelihood alone.
+    /// Probability among the names of its class, from likelihood alone: beforehand all are as likely.
     pub weight: f64,
+    /// The same of those that fit as well by themselves; the others of `confusable_with` do so only in twos.
+    pub confusable_weights: BTreeMap<String, f64>,
     /// Whether its form was corrected beyond the library's forms, and over what.
     pub form_corrected_over: Vec<String>,
+}
+
+impl NamedEffect {
+    /// The names that fit as well, each with its probability: for people.
+    pub fn class(&self) -> String {
+        let percent = |weight: &f64| format!(" {:.0} %", 100.0 * weight);
+        let told = self.confusable_with.iter().map(|name| {
+            name.clone() + &self.confusable_weights.get(name).map_or(String::new(), percent)
+        });
+        told.collect::<Vec<_>>().join(", ")
+    }
 }
 
 /// Something without a name.

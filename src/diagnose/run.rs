@@ -76,12 +76,13 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
             format!("give at least {LEAST_CAPTURES}; a sound design has 40 or more"),
         ));
     }
-    let spread = range(&layout.values);
-    if spread.1 - spread.0 <= 0.0 && spread.0 == 0.0 {
+    if range(&layout.values) == (0.0, 0.0) {
+        let outputs: Vec<&str> =
+            layout.directions.iter().filter(|d| !d.is_part).map(|d| &*d.name).collect();
         return Err(Error::measure(
             experiment.kind().name(),
-            "all measured values are zero: this is a plan, not a measurement",
-            "give the measured columns, or use --plan-only",
+            format!("nothing is measured: {} are missing or all zero", outputs.join(", ")),
+            "give the measured columns; for a plan alone use --plan-only",
         ));
     }
     let Screened { fitter, mut selection, outliers } = screen(experiment, options.noise_mm);
@@ -301,7 +302,9 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
             let of_form = form.iter().filter(|p| !p.grid.is_empty());
             let along = beside(&contribution(fitter, &f.model, Part::Effect(i))).dot(&gap);
             let ln_p = without(fitter, f, &[Part::Effect(i)]).1.map_or(0.0, |s| s.ln_p);
-            let total: f64 = 1.0 + by_name(&classes[i]).map(|r| (-r.deficit).exp()).sum::<f64>();
+            let odds = || by_name(&classes[i]).map(|r| (r.effect, (-r.deficit).exp()));
+            let total: f64 = 1.0 + odds().map(|(_, odds)| odds).sum::<f64>();
+            let name = |effect: usize| effects[effect].name.to_string();
             let form_corrected_over = f
                 .model
                 .extras
@@ -319,7 +322,7 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
                 confusable_with: by_name(&classes[i])
                     .map(|r| r.effect)
                     .chain(in_two(i).filter(|e| by_name(&classes[i]).all(|r| r.effect != *e)))
-                    .map(|effect| effects[effect].name.to_string())
+                    .map(name)
                     .collect(),
                 parameters,
                 parameters_u95: sizes_u95[i].clone(),
@@ -327,6 +330,7 @@ fn named_effects(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
                 share_percent: (100.0 * along / gap2).clamp(0.0, 100.0),
                 p_value: (ln_p + s.library_tests.ln()).min(0.0).exp(),
                 weight: 1.0 / total,
+                confusable_weights: odds().map(|(e, odds)| (name(e), odds / total)).collect(),
                 form_corrected_over,
             }
         })

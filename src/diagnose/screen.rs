@@ -35,7 +35,8 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
     let mut first = settle(experiment, given_mm, Vec::new(), 0.0);
     let model = &first.selection.fitted.model;
     if model.active.is_empty() && model.extras.is_empty() {
-        return following(&first, experiment, given_mm, FOLLOWS_ALONE).unwrap_or(first);
+        let second = following(&first, experiment, given_mm, FOLLOWS_ALONE);
+        return likelier(first, second);
     }
     let mut suspected = vec![{
         let fitter = Fitter { experiment, space: space(experiment, &[], given_mm, 0.0), given_mm };
@@ -73,7 +74,13 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
             first = second;
         }
     }
-    match following(&first, experiment, given_mm, FOLLOWS) {
+    let second = following(&first, experiment, given_mm, FOLLOWS);
+    likelier(first, second)
+}
+
+/// The second account of the data where there is one and it is the likelier: a rough rim looks as if errors followed one another.
+fn likelier<'a>(first: Screened<'a>, second: Option<Screened<'a>>) -> Screened<'a> {
+    match second {
         Some(second) if second.fair_ln_evidence() > first.fair_ln_evidence() => second,
         _ => first,
     }

@@ -32,6 +32,11 @@ impl DataKind {
         }
     }
 
+    /// Whether such data cannot be predicted without knowing where the head's rotary axis is.
+    pub(crate) fn needs_head(self) -> bool {
+        matches!(self, Self::Rtcp | Self::Ballbar)
+    }
+
     /// Whether a kind has that name.
     pub(crate) fn has(name: &str) -> bool {
         Self::value_variants().iter().any(|kind| kind.name() == name)

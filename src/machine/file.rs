@@ -52,7 +52,7 @@ pub struct Head {
     #[serde(default)]
     pub delta_x_mm: f64,
     /// From the rotary axis down to the nozzle's end face.
-    #[serde(default = "unsaid")]
+    #[serde(default = "unsaid", skip_serializing_if = "is_zero")]
     pub r_mm: f64,
     /// From the nozzle's end face down to the tool point (the focus).
     #[serde(default)]
@@ -63,6 +63,11 @@ impl Head {
     fn unsaid() -> Self {
         Self { r_mm: unsaid(), ..Self::default() }
     }
+}
+
+/// A head of which nothing is known: no head has its nozzle on the axis.
+fn is_zero(r_mm: &f64) -> bool {
+    *r_mm == 0.0
 }
 
 /// What a file does not say and must, where its machine has it: a number that is no length.
@@ -202,13 +207,19 @@ impl Machine {
     /// Reads and checks a machine file.
     pub fn read(path: impl AsRef<Path>) -> Result<Self> {
         let path = path.as_ref();
-        Self::checked(path, tomlfile::read(path)?)
+        Self::checked(path, tomlfile::read(path)?, true)
+    }
+
+    /// As [`Machine::read`], for what does not depend on where the head's rotary axis is: R may be missing.
+    pub fn read_without_head(path: impl AsRef<Path>) -> Result<Self> {
+        let path = path.as_ref();
+        Self::checked(path, tomlfile::read(path)?, false)
     }
 
     /// As [`Machine::read`], from text; `path` is only the name used in messages.
     pub fn parse(path: impl AsRef<Path>, text: &str) -> Result<Self> {
         let path = path.as_ref();
-        Self::checked(path, tomlfile::parse(path, text)?)
+        Self::checked(path, tomlfile::parse(path, text)?, true)
     }
 
     /// Lengths that look as if they were in another unit than mm.
@@ -229,7 +240,7 @@ impl Machine {
         })
     }
 
-    fn checked(path: &Path, mut machine: Self) -> Result<Self> {
+    fn checked(path: &Path, mut machine: Self, needs_head: bool) -> Result<Self> {
         let named = |(field, reason, fix)| Error::field(path, None, field, reason, fix);
         // A head that does not turn, or whose axes' lines are given, needs no R.
         let in_head = machine.kinematics.order.split('b').nth(1).unwrap_or("");
@@ -238,7 +249,8 @@ impl Machine {
                 && machine.axes.get(&name.to_string()).is_none_or(|a| a.point_mm.is_none())
         };
         let is_said = machine.head.r_mm != unsaid();
-        if ['A', 'B'].into_iter().any(turns) && (!is_said || machine.head.r_mm == 0.0) {
+        let is_needed = needs_head && ['A', 'B'].into_iter().any(turns);
+        if is_needed && (!is_said || machine.head.r_mm == 0.0) {
             let reason =
                 if is_said { "is 0: the nozzle would be on the axis" } else { "is missing" };
             return Err(named((

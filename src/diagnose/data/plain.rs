@@ -11,7 +11,7 @@ use crate::diagnose::experiment::{
     Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Setting, Variable,
 };
 use crate::error::Result;
-use crate::fit::robust::range;
+use crate::fit::robust::{median, range};
 use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use crate::thermal::head::sensor_columns;
@@ -113,6 +113,7 @@ impl PlainExperiment {
         let mut data =
             Columns::read(table, &["t_s", "position_mm", "screw_c", "ambient_c"], "axis")?;
         warnings.extend(units::celsius("screw_c", data.get("screw_c")));
+        warnings.extend(units::travel("position_mm", data.get("position_mm")));
         for name in sensor_columns(table)? {
             let column = table.column(&name)?;
             warnings.extend(units::celsius(&name, &column));
@@ -145,6 +146,9 @@ impl PlainExperiment {
         table.check_directions("dir", data.get("dir"), warnings)?;
         data.head = machine.head_vector();
         let measured = table.optional_column("length_mm")?.unwrap_or_default();
+        if !measured.is_empty() {
+            warnings.extend(units::bar("column 'length_mm'", median(&mut measured.clone())));
+        }
         let nuisances = ballbar::prepare(&mut data, &measured, warnings);
         Self::new(&BALLBAR, table, data, nuisances, machine, warnings)
     }
