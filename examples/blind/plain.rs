@@ -37,8 +37,18 @@ const THERMAL: &[&str] = &[
     "heating-hysteresis",
     "drift-time",
 ];
-const BALLBAR: &[&str] =
-    &["b-backlash", "z-backlash", "b-pitch-error", "cyclic-z", "thermal-growth"];
+/// What shows in the plane of a path with the cup in it.
+const BALLBAR: &[&str] = &[
+    "b-backlash",
+    "z-backlash",
+    "b-pitch-error",
+    "cyclic-z",
+    "thermal-growth",
+    "pivot-offset-x",
+    "pivot-length",
+    "scale-z",
+    "squareness-xz",
+];
 
 /// height, power, B, time
 fn burn_plan(rng: &mut impl Rng) -> Vec<Row> {
@@ -157,11 +167,41 @@ fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
         "cyclic-z" => Box::new(move |r, a| {
             stretch(r, 0.0, a * (r[1] / 10.0 * std::f64::consts::TAU + phase).sin())
         }),
+        "pivot-offset-x" => Box::new(|r, a| stretch(r, a * r[0].cos(), -a * r[0].sin())),
+        "pivot-length" => Box::new(|r, a| stretch(r, -a * r[0].sin(), -a * r[0].cos())),
+        "scale-z" => Box::new(|r, a| stretch(r, 0.0, a * r[1] / 400.0)),
+        "squareness-xz" => Box::new(|r, a| stretch(r, a * r[1] / 400.0, 0.0)),
         _ => Box::new(|r, a| {
             let g = a * (r[3] - 20.0);
             stretch(r, -g * r[0].sin(), -g * r[0].cos())
         }),
     }
+}
+
+/// Something that no library knows, and the variable it follows: a bump, or a wave of some periods.
+fn stranger(kind: &str, rng: &mut impl Rng) -> (&'static str, Effect) {
+    let (place, tau) = (rng.random_range(0.25..0.75), std::f64::consts::TAU);
+    let (phase, turn) = (rng.random_range(0.0..tau), rng.random_range(0.0..tau));
+    let periods = rng.random_range(2.2..4.8);
+    let wave = rng.random_bool(0.5);
+    let shape = move |part: f64| match wave {
+        true => (periods * tau * part + phase).sin(),
+        false => (-0.5 * ((part - place) / 0.08).powi(2)).exp(),
+    };
+    // Where each kind's variable stands in a row, its least value and its range.
+    let (name, at, low, range) = match (kind, rng.random_bool(0.5)) {
+        ("burn", true) => ("b_deg", 2, -90.0, 180.0),
+        ("burn", false) => ("t_s", 3, 0.0, 3600.0),
+        ("thermal", true) => ("position_mm", 0, 0.0, 1000.0),
+        ("thermal", false) => ("t_s", 4, 0.0, 10_800.0),
+        _ => ("b_deg", 0, -tau / 6.0, tau / 6.0),
+    };
+    let in_line = kind != "burn";
+    let effect = move |r: &Row, a: f64| {
+        let size = a * shape((r[at] - low) / range);
+        if in_line { [size, 0.0] } else { [size * turn.cos(), size * turn.sin()] }
+    };
+    (name, Box::new(effect))
 }
 
 /// The library's parameter of an effect that has its very form, and the value that a size stands for.
@@ -207,6 +247,11 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 _ => ballbar_effect(name, rng),
             });
         }
+    }
+    if sort.unknown > 0 {
+        let (variable, effect) = stranger(kind, rng);
+        truth.unknown = Some(variable.to_owned());
+        hidden.push(effect);
     }
     let column = |f: &dyn Fn(&Row) -> f64| rows.iter().map(f).collect::<Vec<f64>>();
     let nuisances = match kind {
