@@ -11,6 +11,10 @@ use crate::fit::robust::range;
 const HEIGHTS_MM: RangeInclusive<f64> = 0.1..=1000.0;
 /// Distances from a rotary axis to the tool point, mm.
 const PIVOTS_MM: RangeInclusive<f64> = 5.0..=20_000.0;
+/// Distances from the nozzle's end face to the focus, mm.
+const STANDOFFS_MM: RangeInclusive<f64> = 0.05..=300.0;
+/// Lengths of a ball bar, mm.
+const BARS_MM: RangeInclusive<f64> = 20.0..=5000.0;
 /// Diameters of a check rod, mm.
 const RODS_MM: RangeInclusive<f64> = 1.0..=500.0;
 /// Sizes of a pixel on the plane, mm.
@@ -111,6 +115,19 @@ pub fn uncertainty(name: &str, mm: f64) -> Option<String> {
         .then(|| format!("{name} is {mm} mm: if it is in micrometres, write {:.6} (mm)", 1e-3 * mm))
 }
 
+/// A limit of what is measured, mm: no limit of these is as wide.
+pub fn limit(name: &str, mm: f64) -> Option<String> {
+    const MOST_MM: f64 = 1.0;
+    (mm > MOST_MM).then(|| {
+        format!("{name} is {mm} mm, which nearly everything keeps: if it is in micrometres, write {:.6} (mm)", 1e-3 * mm)
+    })
+}
+
+/// The distance from the nozzle's end face to the focus.
+pub fn standoff(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, STANDOFFS_MM)
+}
+
 /// Machine positions from which pictures of one thing were taken: says so where they lie closer together, or farther apart, than what a picture
 /// shows allows.
 pub fn positions(places_mm: &[[f64; 2]], picture_mm: f64) -> Option<String> {
@@ -153,6 +170,11 @@ pub fn beside(name: &str, mm: f64, pivot_mm: f64) -> Option<String> {
             1e-3 * mm
         )
     })
+}
+
+/// The length of a ball bar.
+pub fn bar(name: &str, mm: f64) -> Option<String> {
+    length(name, mm, BARS_MM)
 }
 
 /// The diameter of a check rod.
@@ -226,6 +248,10 @@ mod tests {
         assert!(rod("rod.diameter_mm", 0.02).unwrap().contains("metres, write 20.0"));
         assert!(height("--ring-height-mm", 0.05).unwrap().contains("metres, write 50.0"));
         assert!(height("--ring-height-mm", 50_000.0).unwrap().contains("micrometres, write 50.0"));
+        assert!(limit("--tolerance-mm", 15.0).unwrap().contains("write 0.015000"));
+        assert_eq!((limit("--tolerance-mm", 0.5), standoff("s", 1.5)), (None, None));
+        assert!(standoff("head.standoff_mm", 0.0015).unwrap().contains("metres"));
+        assert!(bar("length_mm", 0.4).unwrap().contains("metres, write 400.0"));
         assert!(pivot("--pivot-mm", 0.573).unwrap().contains("573.0"));
         assert_eq!(
             [283.0, -0.283, 120.0].map(|x| beside("x", x, 214.7).is_some()),

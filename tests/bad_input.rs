@@ -105,6 +105,10 @@ fn pictures_that_lie_about_themselves_are_refused() {
     whole.write_to(&mut jpeg, image::ImageFormat::Jpeg).unwrap();
     let jpeg = jpeg.into_inner();
     burn("half.jpg", &jpeg[..jpeg.len() * 9 / 10], &["cut short", "end marker"]);
+    // A camera that was held on end, or says so: rows and columns are no longer the sensor's.
+    let turned =
+        b"\xff\xe1\x00\x22Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0";
+    burn("turned.jpg", &[&jpeg[..2], turned, &jpeg[2..]].concat(), &["EXIF", "orientation"]);
     // 60,000 × 60,000 pixels claimed in a few bytes, and 20,000 × 20,000 really compressed to little.
     let mut huge = picture.clone();
     huge[16..24].copy_from_slice(&[0, 0, 0xea, 0x60, 0, 0, 0xea, 0x60]);
@@ -120,6 +124,26 @@ fn pictures_that_lie_about_themselves_are_refused() {
     refused(dir, "burn flat.png --calib calib.toml", &["flat.png", "ring"]);
     refused(dir, "circles flat.png --calib calib.toml --expect-mm 5", &["flat.png", "5"]);
     refused(dir, "rod captures.csv --calib calib.toml", &["captures.csv:3", "another position"]);
+}
+
+/// Which of two burns is meant nobody knows, unless it is told.
+#[test]
+fn of_two_test_burns_the_one_that_is_named_is_measured() {
+    let dir = workshop();
+    let dir = dir.path();
+    let one = image::open(dir.join("burn.png")).unwrap().to_luma8();
+    let (w, h) = one.dimensions();
+    let mut two = image::GrayImage::new(2 * w, h);
+    image::imageops::replace(&mut two, &one, 0, 0);
+    image::imageops::replace(&mut two, &one, i64::from(w), 0);
+    two.save(dir.join("two.png")).unwrap();
+    let scale = "schema = 1\nname = 'plain'\n[scale]\nmm_per_px = 0.016\n";
+    std::fs::write(dir.join("scale.toml"), scale).unwrap();
+    refused(dir, "burn two.png --calib scale.toml", &["two.png", "two test burns", "--near-mm"]);
+    let line = "burn two.png --calib scale.toml --near-mm=-6.4,0 --format json";
+    let json: serde_json::Value = serde_json::from_slice(&run(dir, line).stdout).unwrap();
+    let x = json["ring"]["center_mm"][0].as_f64().unwrap();
+    assert!((x + 6.4).abs() < 0.5, "{json:#}");
 }
 
 #[test]

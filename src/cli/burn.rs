@@ -96,6 +96,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let heights = [
         units::height("--ring-height-mm", args.ring_height_mm),
         units::height("--spot-height-mm", args.spot_height_mm),
+        units::limit("--tolerance-mm", args.tolerance_mm),
     ];
     let doubts = calibration.doubts().into_iter().chain(heights.into_iter().flatten()).collect();
     let camera = Camera { calibration: &calibration, identity: &identity, doubts };

@@ -16,6 +16,7 @@ use crate::live::store::{Position, Store};
 use crate::live::{self, Feed};
 use crate::output::{Document, write_whole};
 use crate::uncertainty::text;
+use crate::units;
 
 /// Guides over a rim or a round mark with a live picture: its offset from the camera axis and the moves that centre it
 #[derive(Debug, clap::Args)]
@@ -95,6 +96,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     terminal.end();
     let report = &made.report;
     let mut warnings: Vec<String> = calibration.doubts();
+    warnings.extend(args.tolerance_mm.and_then(|mm| units::limit("--tolerance-mm", mm)));
     if !report.is_done() && args.tolerance_mm.is_none() {
         warnings.push(if report.frames_used < LEAST_FRAMES {
             format!(

@@ -76,6 +76,14 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         },
     )?;
     warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    if args.check && records.is_empty() {
+        let fix = "correct --command, --input, --verdict, --since or --until";
+        return Err(Error::option(
+            "--check",
+            "has no record to check: none is left by the filter",
+            fix,
+        ));
+    }
     let rows = rows(&records);
     if args.action == Action::Export {
         let document = Document {

@@ -221,7 +221,9 @@ fn correct_table(args: &CompensateArgs, table: &Path, global: &Global) -> Result
         let figure = report.figure().to_svg();
         global.write_into(folder, "compensation.svg", figure.as_bytes())?;
     }
-    let json = result("thermal-compensate", table, &[], &report);
+    let warnings = report.doubts();
+    warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
+    let json = result("thermal-compensate", table, &warnings, &report);
     Ok(Outcome::good(Document { json, rows: rows(&report.rows), table: report.text() }))
 }
 

@@ -108,6 +108,7 @@ pub fn compare(machine: &Machine, files: Options) -> Result<Comparison> {
     };
     real.same_rotary(&control, "--now")?;
     let mut warnings: Vec<String> = machine.without_target().into_iter().collect();
+    warnings.extend(units::limit("--tolerance-mm", files.tolerance_mm));
     let sweep = Sweep::read_measured(files.data, &real, &mut warnings)?;
     let measured = sweep.deviation_mm.clone().unwrap_or_default();
     if measured.len() < 4 {

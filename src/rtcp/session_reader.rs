@@ -48,6 +48,8 @@ impl<'a> Reader<'a> {
         let b_zero_u_rad = self.b_zero(file.burn.as_ref(), &file.touch, &mut limits)?;
         let indicator = file.checks.indicator_u_mm;
         self.uncertainty("checks.tolerance_mm", file.checks.tolerance_mm)?;
+        self.warnings.extend(units::limit("checks.tolerance_mm", file.checks.tolerance_mm));
+        self.warnings.extend(units::standoff("head.standoff_mm", file.head.standoff_mm));
         for (what, key, value) in [
             ("rod parallel to Z", "checks.rod_parallel_mm", file.checks.rod_parallel_mm),
             (RUN_OUT, "checks.rod_runout_mm", file.checks.rod_runout_mm),
@@ -104,6 +106,7 @@ impl<'a> Reader<'a> {
             let (value, u95) = distance(offset, covariance, f64::INFINITY);
             let value = Measured { value, u: u95 / K95 };
             self.uncertainty("burn.tolerance_mm", burn.tolerance_mm)?;
+            self.warnings.extend(units::limit("burn.tolerance_mm", burn.tolerance_mm));
             limits.push(Limit::new(
                 "S1",
                 "concentricity of ring and spot",

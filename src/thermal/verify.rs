@@ -9,6 +9,7 @@ use super::head::sensor_columns;
 use crate::error::Result;
 use crate::plot::{Figure, Panel};
 use crate::table::Table;
+use crate::units;
 
 /// One row of the table with its correction.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
@@ -84,6 +85,28 @@ pub fn correct(compensator: &mut Compensator, path: &Path) -> Result<Report> {
 }
 
 impl Report {
+    /// What speaks against the table or the model.
+    pub fn doubts(&self) -> Vec<String> {
+        let rms = self.before_rms_mm.zip(self.after_rms_mm);
+        let worse = rms.filter(|(before, after)| after > before).map(|(before, after)| {
+            format!(
+                "the corrections make the errors larger, {before:.4} -> {after:.4} mm rms: error_mm may have its sign turned or be in micrometres, position_mm \
+                 in metres, or the model is another machine's"
+            )
+        });
+        let without =
+            self.rows.iter().filter(|r| r.error_mm.is_some() && r.left_mm.is_none()).count();
+        let without = (without > 0).then(|| {
+            format!("{without} of {} measured rows have no correction (their flags say why) and are in neither rms", self.rows.len())
+        });
+        let errors: Vec<f64> = self.rows.iter().filter_map(|r| r.error_mm).collect();
+        let places: Vec<f64> = self.rows.iter().map(|r| r.position_mm).collect();
+        let units = units::errors("error_mm", &errors)
+            .into_iter()
+            .chain(units::travel("position_mm", &places));
+        worse.into_iter().chain(without).chain(units).collect()
+    }
+
     /// Lines for people.
     pub fn text(&self) -> String {
         let mut out = String::from(
