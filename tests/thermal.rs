@@ -363,3 +363,25 @@ fn a_head_that_gives_temperatures_gets_a_constant_and_a_word() {
     }
     assert!(hits.0 * 10 > hits.1 * 8, "{hits:?}");
 }
+
+#[test]
+fn a_mistyped_reading_of_a_screw_is_named() {
+    let csv = Truth::sample(4).screw_csv(&[0.0, 6.0, 12.0, 18.0], 9, 7);
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("screw.csv");
+    for slip_mm in [0.0, 0.05, 5.0] {
+        let mut lines: Vec<String> = csv.lines().map(str::to_owned).collect();
+        let (head, error) = lines[12].rsplit_once(',').unwrap();
+        lines[12] = format!("{head},{}", error.parse::<f64>().unwrap() + slip_mm);
+        std::fs::write(&path, lines.join("\n") + "\n").unwrap();
+        let mut warnings = Vec::new();
+        let screw = screw::Data::read(&path).unwrap();
+        let options = screw::Options::default();
+        let fitted = fit(None, Some((&screw, &options)), Vec::new(), &mut warnings);
+        let said = fitted.map_or_else(|e| e.to_string(), |_| warnings.join("\n"));
+        let place = lines[12].split(',').nth(2).unwrap().parse::<f64>().unwrap();
+        let named = said.contains("the reading at") && said.contains(&format!("{place} mm lies"));
+        assert_eq!(named, slip_mm > 0.0, "{slip_mm}: {said}");
+        assert!(!said.contains("no correction"), "{slip_mm}: {said}");
+    }
+}

@@ -10,6 +10,8 @@ use crate::table::Table;
 const FAR: f64 = 10.0;
 /// No reading nearer is worth a word, mm.
 const LEAST_MM: f64 = 0.003;
+/// One of so many readings may be a slip; where more lie far off the readings scatter so.
+const OFTEN: usize = 20;
 /// Readings of a place of which one can be told from the others.
 const SEVERAL: usize = 3;
 
@@ -76,7 +78,10 @@ fn astray(readings: &[Reading]) -> Vec<Astray> {
         let is_told = readings >= SEVERAL;
         (readings > 1 && off_mm.abs() > least).then_some(Astray { reading, off_mm, is_told })
     };
-    readings.iter().enumerate().filter_map(far).collect()
+    let all: Vec<Astray> = readings.iter().enumerate().filter_map(far).collect();
+    // Of two readings that differ both are told.
+    let slips = all.iter().map(|a| if a.is_told { 2 } else { 1 }).sum::<usize>().div_ceil(2);
+    if slips > readings.len().div_ceil(OFTEN) { Vec::new() } else { all }
 }
 
 #[cfg(test)]

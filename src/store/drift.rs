@@ -171,7 +171,7 @@ impl Series {
         let interval = |p: &(f64, f64, f64)| (p.0 - origin, p.1 - p.2, p.1 + p.2);
         let shifted: Vec<_> = self.points.iter().map(interval).collect();
         let line: Vec<_> = self.points.iter().map(|p| (p.0 - origin, p.1)).collect();
-        let since = utc((origin * DAY_S) as u64)[..16].replace('T', " ");
+        let since = utc((origin * DAY_S).round() as u64)[..16].replace('T', " ");
         let panel = Panel::new(format!("days since {since}"), self.label.clone())
             .title(format!("{} {}", self.command, self.key))
             .band("95 % interval", &shifted)

@@ -1,6 +1,7 @@
 //! The straight lines of a screw's runs: what slopes they have, and where they meet.
 
 use crate::error::{Error, Result};
+use crate::fit::robust::scatter;
 use crate::fit::serial;
 use crate::fit::tails::ln_f_tail;
 
@@ -126,6 +127,35 @@ impl Lines {
         }
         // A floor well under any interferometer keeps weights finite on noise-free data.
         Ok(Self { runs, lines, noise: (left / dof).sqrt().max(1e-9), dof })
+    }
+
+    /// The reading that lies far from the line of its run's others, in words: one that was mistyped, as readings go.
+    pub(super) fn slip(&self) -> Option<String> {
+        /// How many times as far as readings usually lie, and at least, mm.
+        const FAR: f64 = 10.0;
+        const LEAST_MM: f64 = 0.005;
+        /// Readings of a run of which one can be told from the others.
+        const SEVERAL: usize = 4;
+        let mut off: Vec<(f64, Point)> = Vec::new();
+        for run in self.runs.iter().filter(|run| run.len() >= SEVERAL) {
+            for (i, point) in run.iter().enumerate() {
+                let others = run.iter().enumerate().filter(|(k, _)| *k != i).map(|(_, p)| *p);
+                let Some(line) = Line::fit(&others.collect::<Vec<_>>()) else { continue };
+                let there = line.intercept + line.slope * point.position_mm;
+                off.push((point.error_mm - there, *point));
+            }
+        }
+        let mut sizes: Vec<f64> = off.iter().map(|(off, _)| off.abs()).collect();
+        let usual = if sizes.is_empty() { 0.0 } else { scatter(&mut sizes) };
+        let (off, point) = off.into_iter().max_by(|a, b| a.0.abs().total_cmp(&b.0.abs()))?;
+        (off.abs() > LEAST_MM.max(FAR * usual)).then(|| {
+            format!(
+                "the reading at {} °C, {} mm lies {off:+.4} mm from the line of its run's others, {:.0} times as far as is usual",
+                point.screw_c,
+                point.position_mm,
+                off.abs() / usual.max(1e-9)
+            )
+        })
     }
 
     /// Slope for each degree and temperature without slope, from the slopes against temperature.

@@ -178,7 +178,12 @@ fn fit_axis(
     let given = |pairs: &[(String, f64)]| pairs.iter().find(|(n, _)| n == axis).map(|p| p.1);
     let (given_p0, given_t0) = (given(&options.p0_mm), given(&options.t0_c));
     let rough = Lines::fit(axis, points, given_t0)?;
-    let lines = rough.levelled(axis, rough.slopes_law(axis, given_t0)?.0, given_t0)?;
+    let slip = rough.slip();
+    warnings.extend(slip.iter().map(|slip| format!("axis {axis}: {slip}: check that row")));
+    // A reading that was mistyped may hide what the others show.
+    let blamed = |e| slip.map_or(e, |slip| fail(axis, slip, "correct that row, or leave it out"));
+    let rough_law = rough.slopes_law(axis, given_t0).map_err(blamed)?;
+    let lines = rough.levelled(axis, rough_law.0, given_t0)?;
     let (per_degree, t0) = lines.slopes_law(axis, given_t0)?;
     let meet = lines.meet();
     let p0 = reference_mm(axis, &lines, meet, given_p0, warnings);
