@@ -33,7 +33,7 @@ pub fn frames_svg(machine: &Machine) -> String {
 }
 
 fn side_view(s: &mut String, m: &Machine) {
-    text(s, 20.0, 28.0, INK, "Side view: X right, Z up, Y away from you (not to scale)");
+    text(s, 20.0, 28.0, INK, "Side view: X right, Z up, Y away from you (mm, not to scale)");
     // Table, C axis, table frame.
     line(s, [50.0, TABLE_Y], [470.0, TABLE_Y], TABLE, 3.0, false);
     line(s, [C_X, 60.0], [C_X, 440.0], TABLE, 1.0, true);
@@ -43,19 +43,19 @@ fn side_view(s: &mut String, m: &Machine) {
     text(s, C_X + 44.0, TABLE_Y - 7.0, TABLE, "x");
     text(s, C_X + 6.0, TABLE_Y - 46.0, TABLE, "z");
     let p = m.table_point();
-    let place = format!("T: X_C {:.4}, Y_C {:.4}, Z_C {:.4} mm", p.x, p.y, p.z);
+    let place = format!("T: X_C {:.4}, Y_C {:.4}, Z_C {:.4}", p.x, p.y, p.z);
     text(s, C_X + 8.0, TABLE_Y + 24.0, TABLE, &place);
     // Head at B = 0.
     line(s, [NOZZLE[0], 70.0], [NOZZLE[0], TABLE_Y], HEAD, 1.0, true);
     text(s, NOZZLE[0] + 6.0, 78.0, HEAD, "optical axis");
     nozzle(s, NOZZLE, 0.0, HEAD);
     arrow(s, B, [B[0], NOZZLE[1]], HEAD);
-    text(s, B[0] - 80.0, 270.0, HEAD, &format!("R {:.4} mm", m.head.r_mm));
+    text(s, B[0] - 80.0, 270.0, HEAD, &format!("R {:.4}", m.head.r_mm));
     arrow(s, [B[0], NOZZLE[1]], NOZZLE, HEAD);
-    text(s, B[0] - 80.0, NOZZLE[1] + 18.0, HEAD, &format!("ΔX {:+.4} mm", m.head.delta_x_mm));
+    text(s, B[0] - 80.0, NOZZLE[1] + 18.0, HEAD, &format!("ΔX {:+.4}", m.head.delta_x_mm));
     let tip = [NOZZLE[0], NOZZLE[1] + STANDOFF];
     arrow(s, NOZZLE, tip, INK);
-    text(s, tip[0] + 8.0, tip[1] - 10.0, INK, &format!("stand-off {:.4} mm", m.head.standoff_mm));
+    text(s, tip[0] + 8.0, tip[1] - 10.0, INK, &format!("stand-off {:.4}", m.head.standoff_mm));
     text(s, tip[0] + 8.0, tip[1] + 6.0, INK, "tool point");
     circle(s, tip, 3.0, INK, INK);
     // The B axis, and the nozzle at B = ±90°, where it points to -X.
