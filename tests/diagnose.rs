@@ -418,15 +418,12 @@ fn short_arcs_of_a_rod_with_tool_marks_name_the_backlash() {
     )
     .unwrap();
     let diagnose = ["diagnose", "rod", "--calib", "calib.toml", "--data", "points.csv"];
-    let report =
+    let diagnosed =
         |more: &[&str]| json(&[&diagnose[..], &["--format", "json"], more].concat(), folder.path());
     // Nothing need be known of the head, and nothing is made up in the model that is written.
-    let corrected = report(&["--write-model", "corrected.toml"]);
-    let report = {
-        let again = report(&["--model", "corrected.toml"]);
-        assert_eq!(again["verdict"], "consistent", "{again:#}");
-        corrected
-    };
+    let report = diagnosed(&["--write-model", "corrected.toml"]);
+    let again = diagnosed(&["--model", "corrected.toml"]);
+    assert_eq!(again["verdict"], "consistent", "{again:#}");
     assert_eq!(report["verdict"], "named", "{report:#}");
     let effects = report["effects"].as_array().unwrap();
     assert_eq!(effects.len(), 1, "{effects:#?}");

@@ -325,14 +325,14 @@ fn report(
         })
         .collect();
     let all: Vec<Vector2<f64>> = seen.iter().map(|s| s.residual_px).collect();
-    let coverage = coverage(&seen, size);
-    let warnings = doubts(&views, &parameters, &seen, coverage, l, distortion);
+    let (rms_px, coverage) = (rms(&all), coverage(&seen, size));
+    let warnings = doubts(&views, &parameters, &seen, (rms_px, coverage), l, distortion);
     Calibrated {
         report: Report {
             width_px: size.0,
             height_px: size.1,
             parameters,
-            rms_px: rms(&all),
+            rms_px,
             board_sd_mm: bundle.board_sd_mm,
             coverage,
             views,

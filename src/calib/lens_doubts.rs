@@ -14,7 +14,7 @@ pub(super) fn doubts(
     views: &[ViewReport],
     parameters: &[Parameter],
     seen: &[Seen],
-    coverage: f64,
+    (rms_px, coverage): (f64, f64),
     lens: &Lens,
     distortion: Distortion,
 ) -> Vec<String> {
@@ -26,8 +26,6 @@ pub(super) fn doubts(
     if used < 8 {
         warnings.push(format!("only {used} views: take ten or more"));
     }
-    let squares: f64 = seen.iter().map(|s| s.residual_px.norm_squared()).sum();
-    let rms_px = (squares / seen.len().max(1) as f64).sqrt();
     if rms_px > LARGE_RMS_PX {
         warnings.push(format!(
             "the points miss by {rms_px:.2} px rms, where 0.1 px is usual: all pictures must be sharp and of one camera that nobody refocused or zoomed between them, and the target flat"

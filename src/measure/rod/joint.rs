@@ -117,21 +117,20 @@ fn agreeing(weights: &[f64]) -> f64 {
 fn displaced(arc: &Arc, own: &[f64], joint: &Joint, cut: f64) -> Option<(Vector2<f64>, Vec<f64>)> {
     const STEPS: usize = 4;
     let put = joint.put(arc);
-    let (mut shift, mut weights) = (joint.shifts[arc.capture], own.to_vec());
+    let mut circle = joint.seen(arc.angle, arc.capture, arc.position_mm);
+    let mut weights = own.to_vec();
     for _ in 0..STEPS {
-        let circle = Circle { center: put.center + shift, ..put };
         let (mut normal, mut right) = (Matrix2::zeros(), Vector2::zeros());
         for (place, weight) in arc.points.place_mm.iter().zip(&weights).filter(|(_, w)| **w > 0.0) {
             let out = (place - circle.center).normalize();
             normal += *weight * out * out.transpose();
             right += *weight * circle.distance(*place) * out;
         }
-        shift += normal.try_inverse()? * right;
-        let circle = Circle { center: put.center + shift, ..put };
+        circle.center += normal.try_inverse()? * right;
         let off = arc.points.place_mm.iter().map(|place| circle.distance(*place));
         weights = off.zip(own).map(|(off, own)| own * tukey(off / cut)).collect();
     }
-    Some((shift, weights))
+    Some((circle.center - put.center, weights))
 }
 
 /// How far each point of each arc lies outside the arc's circle.
