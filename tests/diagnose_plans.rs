@@ -356,3 +356,53 @@ fn a_ball_bar_beside_the_plane_shows_what_is_wrong() {
     let names: Vec<&Value> = rivals.chain([&effect["name"]]).collect();
     assert!(names.iter().any(|name| **name == "b-backlash"), "{report:#}");
 }
+
+/// A table of captures, before there is a picture: it says what the edge points that it would give say, and a capture beside the rim is named.
+#[test]
+fn captures_that_are_only_planned_say_what_they_will_show() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let mut plan = String::from("image,x_mm,y_mm,c_deg\n");
+    for k in 0..24 {
+        let (sin, cos) = f64::from(k * 75).to_radians().sin_cos();
+        let (x, y) = (412.31 + 10.0 * cos, -87.6 + 10.0 * sin);
+        writeln!(plan, "{k}.png,{x:.3},{y:.3},{}", k * 83 % 360).unwrap();
+    }
+    std::fs::write(path("plan.csv"), &plan).unwrap();
+    std::fs::write(path("beside.csv"), plan.clone() + "24.png,412.31,-87.6,0\n").unwrap();
+    let [model, calib] = ["machine", "bench-camera"]
+        .map(|name| format!("{}/calib/{name}.toml", env!("CARGO_MANIFEST_DIR")));
+    let run = |command: &[&str], data: &str, more: &[&str]| {
+        let files = ["--data", &path(data), "--model", &model, "--calib", &calib];
+        json::run(&[command, &files, more].concat())
+    };
+    let plan_only = ["--plan-only", "--noise-mm", "0.001"];
+    let planned = [&plan_only[..], &["--diameter-mm", "20"]].concat();
+    let (planned_says, code, words) = run(&["diagnose", "rod"], "plan.csv", &planned);
+    assert_eq!(code, Some(0), "{words}");
+
+    let (simulated, _, words) = run(&["simulate", "rod"], "plan.csv", &["--diameter-mm", "20"]);
+    let mut points = String::from("capture,x_mm,y_mm,c_deg,u_px,v_px\n");
+    let rows = simulated["rows"].as_array().expect(&words);
+    assert!(rows.len() > 24 * 12, "{} points", rows.len());
+    for row in rows {
+        let cell = |name: &str| row[name].to_string().replace('"', "");
+        let cells = ["capture", "x_mm", "y_mm", "c_deg", "u_px", "v_px"].map(cell);
+        writeln!(points, "{}", cells.join(",")).unwrap();
+    }
+    std::fs::write(path("points.csv"), points).unwrap();
+    let (points_say, ..) = run(&["diagnose", "rod"], "points.csv", &plan_only);
+    assert_eq!(names_and_reasons(&planned_says), names_and_reasons(&points_say));
+
+    let (_, code, words) = run(&["diagnose", "rod"], "beside.csv", &planned);
+    assert_eq!(code, Some(2));
+    assert!(words.contains("beside.csv:26") && words.contains("does not see the rim"), "{words}");
+    let (_, code, words) = run(&["diagnose", "rod"], "plan.csv", &plan_only);
+    assert!(code == Some(2) && words.contains("--diameter-mm: is missing"), "{words}");
+}
+
+/// Which effects a plan can show, what they look like and why others cannot be tested.
+fn names_and_reasons(planned: &Value) -> Vec<(&Value, &Value, &Value)> {
+    let list = planned["detectable"].as_array().unwrap();
+    list.iter().map(|d| (&d["name"], &d["untestable"], &d["aliases"])).collect()
+}

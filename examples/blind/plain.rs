@@ -337,15 +337,18 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 ],
                 "thermal" => {
                     let screw = get("screw_c", old[1]);
-                    // The head stays as it is: its lag dies away.
-                    let lagged = old[2] + (old[5] - old[2]) * 0.9;
+                    let t = get("t_s", old[4] + 60.0);
+                    // The head rests and cools, and follows its sensor late.
+                    let after = |lag_s: f64| ((old[4] - t) / lag_s).exp();
+                    let (head_1, head_2) = (old[2] * after(3000.0), old[3] * after(5000.0));
+                    let lagged = head_1 + (old[5] - head_1) * after(570.0);
                     let warming = f64::signum(screw - old[1]);
                     vec![
                         get("position_mm", old[0]),
                         screw,
-                        old[2],
-                        old[3],
-                        old[4] + 60.0,
+                        head_1,
+                        head_2,
+                        t,
                         lagged,
                         warming,
                         capture.name("axis").map_or(0.0, |axis| match axis {

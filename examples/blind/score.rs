@@ -56,12 +56,18 @@ pub struct Tally {
     flagged: usize,
     right_variable: usize,
     closed: Vec<f64>,
-    confused: usize,
-    resolved: usize,
+    asked: [Asked; 2],
     intervals: usize,
     covered: usize,
     classes: BTreeMap<String, usize>,
     verbose: Vec<String>,
+}
+
+/// Cases whose answer asked for captures, and those of which one name was left with them.
+#[derive(Default)]
+struct Asked {
+    cases: usize,
+    resolved: usize,
 }
 
 /// The answer to a case; then, where it asked for captures, how many, and the answer with those.
@@ -73,7 +79,7 @@ pub struct Answer {
 /// Runs the diagnosis on a case's data alone, and takes the captures that the answer asks for.
 pub fn answer(case: &mut Case, kind: &str) -> Answer {
     let report = diagnosed(&case.csv, case.noise_mm, kind);
-    let next = report.next_measurement.as_ref().filter(|n| n.resolves);
+    let next = report.next_measurement.as_ref().filter(|n| !n.captures.is_empty());
     let again = next.map(|next| {
         let all = case.csv.clone() + &(case.more)(&next.captures);
         (next.captures.len(), diagnosed(&all, case.noise_mm, kind))
@@ -187,16 +193,20 @@ impl Tally {
         let alone = again.effects.iter().all(|e| e.confusable_with.is_empty());
         let right = names.len() == truth.names.len()
             && truth.names.iter().all(|t| names.contains(&t.as_str()));
-        self.confused += 1;
-        self.resolved += usize::from(alone && right);
+        let promised = answer.report.next_measurement.as_ref().is_some_and(|n| n.resolves);
+        let asked = &mut self.asked[usize::from(promised)];
+        asked.cases += 1;
+        asked.resolved += usize::from(alone && right);
         if !(alone && right) {
             let found: Vec<String> = again
                 .effects
                 .iter()
                 .map(|e| format!("{}|{}", e.name, e.confusable_with.join("|")))
                 .collect();
-            self.verbose
-                .push(format!("    loop: {truth:?} after {captures} captures -> {found:?}"));
+            let word = if promised { "promised" } else { "not promised" };
+            self.verbose.push(format!(
+                "    loop: {truth:?} after {captures} captures ({word}) -> {found:?}"
+            ));
         }
     }
 
@@ -229,12 +239,14 @@ impl Tally {
                 100.0 * self.closed[self.closed.len() / 2]
             ));
         }
-        if sort.known > 0 && self.confused > 0 {
-            parts.push(format!(
-                "{} given captures that should part their class, one name left {}",
-                self.confused,
-                rate(self.resolved, self.confused)
-            ));
+        for (asked, word) in self.asked.iter().zip(["may help", "should part their class"]) {
+            if sort.known > 0 && asked.cases > 0 {
+                parts.push(format!(
+                    "{} given captures that {word}, one name left {}",
+                    asked.cases,
+                    rate(asked.resolved, asked.cases)
+                ));
+            }
         }
         println!("{:20} {} ({seconds:.3} s a case)", sort.name, parts.join(", "));
         if std::env::var_os("BLIND_VERBOSE").is_some() {

@@ -25,6 +25,7 @@ fuzz_target!(|bytes: &[u8]| {
                 model: Some(calib.join("machine.toml")),
                 calib: (kind.name() == "rod").then(|| calib.join("scale.toml")),
                 effects: None,
+                diameter_mm: None,
                 measured,
             };
             let _ = source.load(&mut Vec::new());

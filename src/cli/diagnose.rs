@@ -30,6 +30,9 @@ pub struct Args {
     /// The camera's calibration file (rod)
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// The rod's nominal diameter, where the plan is a table of captures (x_mm,y_mm,c_deg,...) without edge points
+    #[arg(long, value_name = "D", requires = "plan_only")]
+    diameter_mm: Option<f64>,
     /// A TOML file with effects of your own, as formulas of the columns (docs/diagnose.md)
     #[arg(long, value_name = "FILE")]
     effects: Option<PathBuf>,
@@ -45,7 +48,7 @@ pub struct Args {
     /// Write a page with plots before and after into this folder
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
-    /// Only say what this plan can and cannot show; the measured columns are not needed (but a rod's edge points: where its rim is seen)
+    /// Only say what this plan can and cannot show; the measured columns are not needed (of a rod's captures give --diameter-mm)
     #[arg(long, conflicts_with_all = ["write_model", "write_next", "report"])]
     plan_only: bool,
 }
@@ -90,6 +93,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         model: args.model.clone(),
         calib: args.calib.clone(),
         effects: args.effects.clone(),
+        diameter_mm: args.diameter_mm,
         measured: !args.plan_only,
     };
     if let Some(folder) = &args.report {

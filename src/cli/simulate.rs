@@ -29,6 +29,9 @@ pub struct Args {
     /// rod: the camera's calibration file
     #[arg(long, value_name = "FILE")]
     calib: Option<PathBuf>,
+    /// rod: its nominal diameter, where the data are a plan of captures (x_mm,y_mm,c_deg,...) without edge points
+    #[arg(long, value_name = "D")]
+    diameter_mm: Option<f64>,
     /// A TOML file with effects of your own that the model names (docs/diagnose.md)
     #[arg(long, value_name = "FILE")]
     effects: Option<PathBuf>,
@@ -62,6 +65,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             model: args.model.clone(),
             calib: args.calib.clone(),
             effects: args.effects.clone(),
+            diameter_mm: args.diameter_mm,
             measured: false,
         },
         now: args.now.clone(),

@@ -335,6 +335,12 @@ impl PlannedCapture {
         self.number(name).or(column.last().copied()).unwrap_or(0.0)
     }
 
+    /// The order in which planned captures are taken, where they have times.
+    pub fn by_time(&self, other: &Self) -> std::cmp::Ordering {
+        let time = |c: &Self| c.number("t_s").unwrap_or(0.0);
+        time(self).total_cmp(&time(other))
+    }
+
     /// Appends the value of a column, where the data have that column at all.
     pub fn extend(&self, name: &str, column: &mut Vec<f64>) {
         if !column.is_empty() {

@@ -5,11 +5,11 @@ use std::path::PathBuf;
 use crate::camera::Calibration;
 use crate::diagnose::data::of_model;
 use crate::diagnose::data::plain::{self, PlainExperiment};
-use crate::diagnose::data::rod::{self, RodExperiment};
+use crate::diagnose::data::rod::{self, RodExperiment, planned};
 use crate::diagnose::data::rtcp::{self, RtcpExperiment};
 use crate::diagnose::experiment::Experiment;
 use crate::diagnose::own;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, above_zero};
 use crate::machine::{self, DataKind, Head, Machine};
 use crate::repeats;
 use crate::table::Table;
@@ -27,6 +27,8 @@ pub struct Source {
     pub calib: Option<PathBuf>,
     /// Effects of the user's own.
     pub effects: Option<PathBuf>,
+    /// The rod's diameter, where the data are a plan of captures without edge points.
+    pub diameter_mm: Option<f64>,
     /// Whether the rows were measured: then they have all readings, and copies of rows are left out, which tell nothing. A plan may lack the one and
     /// want the other.
     pub measured: bool,
@@ -64,8 +66,14 @@ impl Source {
         })
     }
 
-    /// The data file.
-    fn table(&self, warnings: &mut Vec<String>) -> Result<Table> {
+    /// The data file; a plan of a rod's captures as the edge points that they would show.
+    ///
+    /// # Errors
+    /// Files that cannot be read, columns that are missing, a plan that does not say what of the rod is seen.
+    pub fn table(&self, warnings: &mut Vec<String>) -> Result<Table> {
+        if let Some(planned) = self.planned_rod()? {
+            return Ok(planned);
+        }
         let (required, optional) = match self.kind {
             DataKind::Rtcp => rtcp::COLUMNS,
             DataKind::Rod => rod::COLUMNS,
@@ -93,6 +101,53 @@ impl Source {
         Ok(table)
     }
 
+    /// A plan of a rod's captures as the edge points that they would show; `None` where the data have points or are no rod's.
+    fn planned_rod(&self) -> Result<Option<Table>> {
+        let option = |reason: &str, fix: &str| Err(Error::option("--diameter-mm", reason, fix));
+        match self.diameter_mm {
+            None if self.measured || self.kind != DataKind::Rod => return Ok(None),
+            Some(_) if self.kind != DataKind::Rod => {
+                return option("is a rod's", "leave it out, it is for rod");
+            }
+            _ => {}
+        }
+        let plan = Table::read(&self.data, rod::PLAN_COLUMNS.0, rod::PLAN_COLUMNS.1)?;
+        let diameter_mm = match (self.measured || plan.has("u_px"), self.diameter_mm) {
+            (true, None) => return Ok(None),
+            (true, Some(_)) => {
+                let fix =
+                    "leave it out: it is for a plan without edge points (--plan-only, simulate)";
+                return option("is told by the edge points", fix);
+            }
+            (false, None) => {
+                let reason = "is missing: the plan has no edge points (u_px, v_px)";
+                return option(reason, "give the rod's nominal diameter in mm");
+            }
+            (false, Some(diameter_mm)) => diameter_mm,
+        };
+        above_zero("--diameter-mm", diameter_mm, "give the rod's nominal diameter in mm")?;
+        if self.model.is_none() {
+            return Err(Error::option(
+                "--model",
+                "is missing: a plan without edge points does not say where the rod stands",
+                "give the machine file, whose [table] xc_mm, yc_mm are the C axis",
+            ));
+        }
+        let centre = self.machine()?.table_point().xy();
+        planned::edge_points(&plan, &self.calibration()?, centre, diameter_mm).map(Some)
+    }
+
+    fn calibration(&self) -> Result<Calibration> {
+        let calib = self.calib.as_ref().ok_or_else(|| {
+            Error::option(
+                "--calib",
+                "is missing: edge points are in pixels",
+                "give the camera's calibration file",
+            )
+        })?;
+        Calibration::read(calib)
+    }
+
     /// The experiment with the library alone.
     fn library(
         &self,
@@ -103,14 +158,7 @@ impl Source {
         Ok(match self.kind {
             DataKind::Rtcp => Box::new(RtcpExperiment::from_table(&table, machine, warnings)?),
             DataKind::Rod => {
-                let calib = self.calib.as_ref().ok_or_else(|| {
-                    Error::option(
-                        "--calib",
-                        "is missing: edge points are in pixels",
-                        "give the camera's calibration file",
-                    )
-                })?;
-                let calibration = Calibration::read(calib)?;
+                let calibration = self.calibration()?;
                 Box::new(RodExperiment::from_table(&table, &calibration, Some(machine), warnings)?)
             }
             DataKind::Ballbar => {

@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::classes::{Rival, stand_ins};
-use crate::diagnose::experiment::PlannedCapture;
+use crate::diagnose::data::pace_s;
+use crate::diagnose::experiment::{Experiment, PlannedCapture};
 use crate::diagnose::fit::{Fitter, Model};
 use crate::diagnose::noise::Space;
 use crate::diagnose::parts::{Part, remove};
@@ -48,12 +49,16 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
         return None;
     }
     let proposals = fitter.experiment.proposals();
-    let pairs = pairs(fitter, selection, &classes, &proposals);
+    let rivalries = rivalries(fitter, selection, &classes);
+    let singly = pairs(fitter, selection, &rivalries, &proposals);
     let budget = fitter.experiment.layout().group_count().max(LEAST_BUDGET);
-    let (picked, parted) = choose(&pairs, proposals.len(), budget);
+    let picked = choose(&singly, proposals.len(), budget);
+    let captures = in_order(fitter.experiment, picked, &proposals);
+    // What the list is worth depends on its order and times, which the single captures do not know of.
+    let pairs = pairs(fitter, selection, &rivalries, &captures);
+    let parted: Vec<f64> = pairs.iter().map(Pair::parted_by_all).collect();
     let useful = pairs.iter().zip(&parted).any(|(p, s)| *s > p.own.separation() + LEAST_PARTED);
-    let captures: Vec<PlannedCapture> =
-        if useful { in_order(fitter.experiment.kind(), picked, &proposals) } else { Vec::new() };
+    let captures = if useful { captures } else { Vec::new() };
     let best = words.join("; ");
     let resolves = !captures.is_empty() && parted.iter().all(|p| *p >= PARTED);
     let count = captures.len();
@@ -88,17 +93,26 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
 /// The captures in an order that the machine can take them in: a path goes its way, a screw warms up once, and temperatures are not
 /// changed more often than they must.
 fn in_order(
-    kind: DataKind,
+    experiment: &dyn Experiment,
     mut picked: Vec<usize>,
     proposals: &[PlannedCapture],
 ) -> Vec<PlannedCapture> {
-    if matches!(kind, DataKind::Ballbar | DataKind::Thermal) {
+    if matches!(experiment.kind(), DataKind::Ballbar | DataKind::Thermal) {
         picked.sort_unstable();
     }
     let mut list: Vec<PlannedCapture> = picked.into_iter().map(|p| proposals[p].clone()).collect();
     let temperature =
         |c: &PlannedCapture| c.number("temp_c").or(c.number("screw_c")).unwrap_or(0.0);
-    list.sort_by(|a, b| temperature(a).total_cmp(&temperature(b)));
+    list.sort_by(|a, b| a.by_time(b).then(temperature(a).total_cmp(&temperature(b))));
+    let t_s = experiment.layout().variables.iter().find(|v| v.name == "t_s");
+    let pace_s = t_s.map_or(0.0, |v| pace_s(&v.values));
+    let mut last_s = f64::NEG_INFINITY;
+    for capture in &mut list {
+        if let Some(t_s) = capture.number("t_s") {
+            last_s = t_s.max(last_s + pace_s);
+            *capture = capture.clone().with("t_s", last_s);
+        }
+    }
     list
 }
 
@@ -117,6 +131,13 @@ struct Pair {
     of: [usize; 2],
     own: Evidence,
     proposals: Vec<Evidence>,
+}
+
+impl Pair {
+    /// χ² by which the rival would fit worse with the data and all of the captures.
+    fn parted_by_all(&self) -> f64 {
+        self.proposals.iter().fold(self.own.clone(), |sum, p| sum.plus(p)).separation()
+    }
 }
 
 impl Evidence {
@@ -143,73 +164,90 @@ impl Evidence {
     }
 }
 
-fn pairs(
-    fitter: &Fitter,
-    selection: &Selection,
-    classes: &[Vec<Rival>],
-    proposals: &[PlannedCapture],
-) -> Vec<Pair> {
+/// A named effect in each of its forms, and a rival refitted in its place.
+struct Rivalry {
+    /// Named effect and rival.
+    of: [usize; 2],
+    forms: Vec<Model>,
+    other: Model,
+}
+
+fn rivalries(fitter: &Fitter, selection: &Selection, classes: &[Vec<Rival>]) -> Vec<Rivalry> {
     let f = &selection.fitted;
-    let experiment = fitter.experiment.with_plan(proposals);
-    let layout = experiment.layout();
-    let space = Space::new(layout, &vec![true; layout.values.len()]);
-    let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
-    let before = layout.group_count() - proposals.len();
-    let noise = f.noise.without_rim(&fitter.space);
     // Shapes without a name are columns of the data at hand; they are the same on both sides.
+    let plain = |model: Model| Model { extras: Vec::new(), ..model };
     let swapped = |i: usize, by: &Rival| -> Option<Model> {
         let Who::Effect(active) = &selection.library.candidates[by.candidate].who else {
             return None;
         };
         let mut swapped = remove(&f.model, Part::Effect(i));
         swapped.active.push(active.clone());
-        let model = fitter.fit(swapped, Some(&f.noise)).model;
-        Some(Model { extras: Vec::new(), ..model })
+        Some(plain(fitter.fit(swapped, Some(&f.noise)).model))
     };
-    let found = plan.predict(&Model { extras: Vec::new(), ..f.model.clone() });
     let mut list = Vec::new();
     for (i, class) in classes.iter().enumerate() {
+        let named = f.model.active[i].effect;
         // The named effect may be there in another form, which the rival must not be able to follow either.
         let (others, rivals): (Vec<&Rival>, Vec<&Rival>) =
-            class.iter().partition(|r| r.effect == f.model.active[i].effect);
+            class.iter().partition(|r| r.effect == named);
         if rivals.is_empty() {
             continue;
         }
-        let others = others.iter().filter_map(|form| swapped(i, form)).map(|m| plan.predict(&m));
-        let forms: Vec<Vec<f64>> = std::iter::once(found.clone()).chain(others).collect();
-        let swaps = rivals.iter().filter_map(|r| Some((r.effect, swapped(i, r)?)));
-        for (rival, other) in swaps {
-            let predicted = plan.predict(&other);
-            let mut tangent = plan.whiten(&plan.tangent(&other, &predicted), &noise);
-            for mut column in tangent.column_iter_mut() {
-                let norm = column.norm();
-                column /= if norm > 0.0 { norm } else { 1.0 };
-            }
-            for form in &forms {
-                let d = DMatrix::from_fn(form.len(), 1, |r, _| form[r] - predicted[r]);
-                let d = plan.whiten(&d, &noise);
-                let evidence = |rows: Vec<usize>| {
-                    let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
-                    Evidence {
-                        squares: d.norm_squared(),
-                        along: j.tr_mul(&d).column(0).into_owned(),
-                        information: j.tr_mul(&j),
-                    }
-                };
-                let mut own = evidence(plan.space.rows_of(&|g| g < before));
-                // Parameters that the data do not determine must not make the system singular.
-                (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
-                let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
-                let proposals = (0..proposals.len()).map(of).collect();
-                list.push(Pair { of: [f.model.active[i].effect, rival], own, proposals });
-            }
+        let mut forms = vec![plain(f.model.clone())];
+        forms.extend(others.iter().filter_map(|form| swapped(i, form)));
+        list.extend(rivals.iter().filter_map(|r| {
+            let (of, forms) = ([named, r.effect], forms.clone());
+            Some(Rivalry { of, forms, other: swapped(i, r)? })
+        }));
+    }
+    list
+}
+
+/// What the data and each of some further captures say of each rivalry.
+fn pairs(
+    fitter: &Fitter,
+    selection: &Selection,
+    rivalries: &[Rivalry],
+    captures: &[PlannedCapture],
+) -> Vec<Pair> {
+    let experiment = fitter.experiment.with_plan(captures);
+    let layout = experiment.layout();
+    let space = Space::new(layout, &vec![true; layout.values.len()]);
+    let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
+    let before = layout.group_count() - captures.len();
+    let noise = selection.fitted.noise.without_rim(&fitter.space);
+    let mut list = Vec::new();
+    for rivalry in rivalries {
+        let predicted = plan.predict(&rivalry.other);
+        let mut tangent = plan.whiten(&plan.tangent(&rivalry.other, &predicted), &noise);
+        for mut column in tangent.column_iter_mut() {
+            let norm = column.norm();
+            column /= if norm > 0.0 { norm } else { 1.0 };
+        }
+        for form in rivalry.forms.iter().map(|form| plan.predict(form)) {
+            let d = DMatrix::from_fn(form.len(), 1, |r, _| form[r] - predicted[r]);
+            let d = plan.whiten(&d, &noise);
+            let evidence = |rows: Vec<usize>| {
+                let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
+                Evidence {
+                    squares: d.norm_squared(),
+                    along: j.tr_mul(&d).column(0).into_owned(),
+                    information: j.tr_mul(&j),
+                }
+            };
+            let mut own = evidence(plan.space.rows_of(&|g| g < before));
+            // Parameters that the data do not determine must not make the system singular.
+            (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
+            let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
+            let proposals = (0..captures.len()).map(of).collect();
+            list.push(Pair { of: rivalry.of, own, proposals });
         }
     }
     list
 }
 
-/// Picks proposals until every pair is parted, always the one that parts the worst pair most; and how far each is parted.
-fn choose(pairs: &[Pair], count: usize, budget: usize) -> (Vec<usize>, Vec<f64>) {
+/// Picks proposals until every pair is parted, always the one that parts the worst pair most.
+fn choose(pairs: &[Pair], count: usize, budget: usize) -> Vec<usize> {
     let mut picked = Vec::new();
     let mut state: Vec<Evidence> = pairs.iter().map(|p| p.own.clone()).collect();
     let mut parted: Vec<f64> = state.iter().map(Evidence::separation).collect();
@@ -247,7 +285,7 @@ fn choose(pairs: &[Pair], count: usize, budget: usize) -> (Vec<usize>, Vec<f64>)
             }
         }
     }
-    (picked, parted)
+    picked
 }
 
 /// The captures, `most` of them, that together part a pair which none parts alone: what is left of all when always the one goes that is missed

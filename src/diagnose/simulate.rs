@@ -12,7 +12,6 @@ use crate::diagnose::load::Source;
 use crate::error::{Error, Result};
 use crate::machine::{DataKind, Machine};
 use crate::rtcp::sweep::{DEVIATION, Sweep, predict};
-use crate::table::Table;
 
 /// What is simulated.
 #[derive(Debug, Clone)]
@@ -86,7 +85,7 @@ fn other(options: &Options) -> Result<Simulated> {
     let mut noise = noise(options);
     predicted.iter_mut().for_each(|p| *p += noise());
     let columns = experiment.predicted_columns(&predicted);
-    let table = Table::read(&options.source.data, &[], &["*"])?;
+    let table = options.source.table(&mut Vec::new())?;
     let mut names = table.names().to_vec();
     let new = columns.iter().map(|(name, _)| (*name).to_owned());
     names.extend(new.filter(|name| !table.has(name)));

@@ -53,7 +53,7 @@ pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<Untestable> {
 }
 
 /// Time from one capture to the next.
-fn pace_s(t_s: &[f64]) -> f64 {
+pub fn pace_s(t_s: &[f64]) -> f64 {
     let (low, high) = crate::fit::robust::range(t_s);
     (high - low) / t_s.len() as f64
 }
@@ -63,6 +63,13 @@ pub fn extend_time(t_s: &mut Vec<f64>) {
     if let Some(last) = t_s.iter().copied().reduce(f64::max) {
         t_s.push(last + pace_s(t_s));
     }
+}
+
+/// When further captures of a run may be taken: right after it, and as long after it as it took.
+pub fn times_to_come(t_s: &[f64]) -> Vec<f64> {
+    let (low, high) = crate::fit::robust::range(t_s);
+    let soon = high + pace_s(t_s);
+    vec![soon, soon + high - low]
 }
 
 /// Appends the times of further captures of which a few will be taken right after the run: nothing is promised that only a longer

@@ -4,7 +4,8 @@ use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::{
-    ballbar, extend_time, extend_times_soon, known_effects, need_head_b_table_c, sites, thermal,
+    ballbar, extend_time, extend_times_soon, known_effects, need_head_b_table_c, pace_s, sites,
+    thermal, times_to_come,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
@@ -46,7 +47,7 @@ const THERMAL: Sort = Sort {
     outputs: &["error_mm"],
     series: "axis",
     // A screw warms up once, and all positions are measured meanwhile.
-    planned: &["screw_c", "position_mm"],
+    planned: &["t_s", "screw_c", "position_mm"],
     widened: &[],
     library: effects::thermal::library,
     predict: thermal::predict,
@@ -270,8 +271,10 @@ impl PlainExperiment {
         if column.is_empty() {
             return Vec::new();
         }
-        if name == "dir" {
-            return vec![1.0, -1.0];
+        match name {
+            "dir" => return vec![1.0, -1.0],
+            "t_s" => return times_to_come(column),
+            _ => {}
         }
         let own: Vec<f64> = d.rows_of(series).into_iter().map(|row| column[row]).collect();
         let (mut low, mut high) = range(if own.is_empty() { column } else { &own });
@@ -331,11 +334,15 @@ impl Experiment for PlainExperiment {
         // Each axis or path within what it was measured over itself.
         let names = &self.data.series_names;
         let alone = names.len() < 2;
-        (0..names.len().max(1)).flat_map(|series| self.proposals_of(series, alone)).collect()
+        let mut list: Vec<PlannedCapture> =
+            (0..names.len().max(1)).flat_map(|series| self.proposals_of(series, alone)).collect();
+        list.sort_by(PlannedCapture::by_time);
+        list
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
         let mut data = self.data.clone();
+        let step_s = pace_s(data.get("t_s")) / plan.len().max(1) as f64;
         for capture in plan {
             let planned = capture.name(self.sort.series);
             let named = |name: &String| planned == Some(name.as_str());
@@ -344,7 +351,11 @@ impl Experiment for PlainExperiment {
                 match *name {
                     // Burns are taken one by one; a path and a warm-up last as long as the plan.
                     "t_s" if self.sort.series.is_empty() => {}
-                    "t_s" => extend_time(column),
+                    "t_s" => match (capture.number("t_s"), column.last()) {
+                        // Of captures that are planned for the same time a few will be taken.
+                        (Some(t_s), Some(last)) => column.push(t_s.max(last + step_s)),
+                        _ => extend_time(column),
+                    },
                     // X and Z stay linked to B, as the ball bar's own path has them.
                     "x_mm" | "z_mm" => {
                         let b_deg = capture.or_last("b_deg", &[0.0]);

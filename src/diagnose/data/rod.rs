@@ -1,7 +1,7 @@
 //! `rod` data: edge points of a check rod in pixels, capture by capture.
 
 mod layout;
-mod planned;
+pub mod planned;
 mod read;
 mod sense;
 
@@ -212,6 +212,9 @@ pub struct RodExperiment {
 /// Columns of the `--points` file of `pivotsight rod`: needed and possible.
 pub const COLUMNS: (&[&str], &[&str]) =
     (&["capture", "x_mm", "y_mm", "u_px", "v_px"], &["c_deg", "t_s", "temp_c", "dir_x", "dir_y"]);
+
+/// The same of a plan of captures without edge points, a row each; `image` and what else a table of captures has is passed over.
+pub const PLAN_COLUMNS: (&[&str], &[&str]) = (&["x_mm", "y_mm"], &["*"]);
 
 impl RodExperiment {
     /// From a table of [`COLUMNS`].

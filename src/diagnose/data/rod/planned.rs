@@ -1,10 +1,14 @@
 //! Captures that could be taken of a rod: where, and what of its rim the picture would show.
 
 use std::f64::consts::TAU;
+use std::fmt::Write as _;
 
 use nalgebra::Vector2;
 
-use super::Rod;
+use super::{COLUMNS, Rod};
+use crate::camera::{Calibration, View};
+use crate::error::{Error, Result};
+use crate::table::Table;
 
 /// So many directions, evenly spread round a turn.
 fn round(count: usize) -> impl Iterator<Item = Vector2<f64>> {
@@ -14,23 +18,73 @@ fn round(count: usize) -> impl Iterator<Item = Vector2<f64>> {
     })
 }
 
+/// Directions from `pole` in which a capture from `place` sees the rim, evenly spread: a few dozen at most.
+fn seen(view: &View, pole: Vector2<f64>, radius: f64, place: Vector2<f64>) -> Vec<Vector2<f64>> {
+    /// Directions looked in.
+    const ROUND: usize = 240;
+    /// Points kept of a capture.
+    const POINTS: usize = 24;
+    let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
+    let is_seen = |ray: &Vector2<f64>| {
+        let offset = pole + ray * radius - place;
+        let px = view.to_pixel(offset);
+        // A lens that is described far beyond its frame may fold back into it.
+        let is_there = (view.to_plane(px) - offset).norm() < 1e-3 * radius;
+        is_there && inside(px.x, view.width_px()) && inside(px.y, view.height_px())
+    };
+    let all: Vec<Vector2<f64>> = round(ROUND).filter(is_seen).collect();
+    all.iter().step_by(all.len().div_ceil(POINTS).max(1)).copied().collect()
+}
+
+/// A plan of captures, a row each, as the edge points that they would show of a rod on the C axis.
+///
+/// # Errors
+/// A calibration that does not know the frame's size; a capture that would not see the rim.
+pub fn edge_points(
+    plan: &Table,
+    calibration: &Calibration,
+    centre: Vector2<f64>,
+    diameter_mm: f64,
+) -> Result<Table> {
+    let (width, height) = calibration.lens_size().ok_or_else(|| {
+        Error::option(
+            "--calib",
+            "is a plain scale, which does not say how large the pictures are: what of the rim they show is not known",
+            "calibrate the camera with its lens ('pivotsight calib camera'), or give a plan with edge points (u_px, v_px)",
+        )
+    })?;
+    let view = calibration.view(width, height)?;
+    let kept = COLUMNS.1.iter().copied().filter(|name| plan.has(name));
+    let names: Vec<&str> = ["x_mm", "y_mm"].into_iter().chain(kept).collect();
+    let mut csv = format!("capture,{},u_px,v_px\n", names.join(","));
+    for row in 0..plan.rows() {
+        let place = Vector2::new(plan.number(row, "x_mm")?, plan.number(row, "y_mm")?);
+        let rays = seen(&view, centre, 0.5 * diameter_mm, place);
+        if rays.is_empty() {
+            return Err(plan.error(
+                row,
+                "x_mm",
+                format!(
+                    "from ({}, {}) mm the camera does not see the rim of a rod of {diameter_mm} mm at ({}, {}) mm",
+                    place.x, place.y, centre.x, centre.y
+                ),
+                "check the place, --diameter-mm and the model's [table] xc_mm, yc_mm",
+            ));
+        }
+        let settings = names.iter().map(|name| plan.text(row, name)).collect::<Vec<_>>().join(",");
+        for ray in rays {
+            let px = view.to_pixel(centre + ray * (0.5 * diameter_mm) - place);
+            // Writing to a string cannot fail.
+            let _ = writeln!(csv, "{},{settings},{},{}", row + 1, px.x, px.y);
+        }
+    }
+    Table::parse(plan.path(), csv, &[], &["*"])
+}
+
 impl Rod {
-    /// Directions from the pole in which a capture from this place sees the rim, evenly spread: a few dozen at most.
+    /// Directions from the pole in which a capture from this place sees the rim.
     pub(super) fn seen(&self, place: Vector2<f64>, radius: f64) -> Vec<Vector2<f64>> {
-        /// Directions looked in.
-        const ROUND: usize = 240;
-        /// Points kept of a capture.
-        const POINTS: usize = 24;
-        let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
-        let is_seen = |ray: &Vector2<f64>| {
-            let offset = self.pole + ray * radius - place;
-            let px = self.view.to_pixel(offset);
-            // A lens that is described far beyond its frame may fold back into it.
-            let is_there = (self.view.to_plane(px) - offset).norm() < 1e-3 * radius;
-            is_there && inside(px.x, self.view.width_px()) && inside(px.y, self.view.height_px())
-        };
-        let all: Vec<Vector2<f64>> = round(ROUND).filter(is_seen).collect();
-        all.iter().step_by(all.len().div_ceil(POINTS).max(1)).copied().collect()
+        seen(&self.view, self.pole, radius, place)
     }
 
     /// Places of planned captures: about the rod where the picture holds its whole rim, else along the rim, which is to be seen in the
