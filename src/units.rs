@@ -21,6 +21,8 @@ const RODS_MM: RangeInclusive<f64> = 1.0..=500.0;
 const PIXELS_MM: RangeInclusive<f64> = 1e-4..=1.0;
 /// Temperatures that no screw or head has in °C, but every one in kelvin.
 const KELVIN: RangeInclusive<f64> = 233.0..=400.0;
+/// Temperatures of parts of a machine, and their rises, °C.
+const CELSIUS: RangeInclusive<f64> = -40.0..=150.0;
 /// Angles over which a full circle is told in degrees, not radians.
 const MOST_RADIANS: f64 = TAU + 0.02;
 
@@ -145,11 +147,23 @@ pub fn positions(places_mm: &[[f64; 2]], picture_mm: f64) -> Option<String> {
     ))
 }
 
-/// Temperatures in °C: says so where the numbers look like kelvin.
+/// Temperatures in °C: says so where the numbers look like kelvin, or single ones like a sensor that is not connected.
 pub fn celsius(name: &str, values: &[f64]) -> Option<String> {
-    (!values.is_empty() && values.iter().all(|v| KELVIN.contains(v))).then(|| {
-        format!("column '{name}' stays between 233 and 400: if it is in kelvin, subtract 273.15")
-    })
+    if !values.is_empty() && values.iter().all(|v| KELVIN.contains(v)) {
+        return Some(format!(
+            "column '{name}' stays between 233 and 400: if it is in kelvin, subtract 273.15"
+        ));
+    }
+    let mut strange = values.iter().enumerate().filter(|(_, v)| !CELSIUS.contains(v));
+    let (first, value) = strange.next()?;
+    let more = match strange.count() {
+        0 => String::new(),
+        more => format!(" and {more} more"),
+    };
+    Some(format!(
+        "column '{name}': {value} in row {}{more} is no temperature of a machine, a sensor that is not connected reads so: leave such rows out",
+        first + 1
+    ))
 }
 
 /// The height of a burn.
@@ -259,7 +273,10 @@ mod tests {
         );
         assert!(pixel("scale.mm_per_px", 7.4).unwrap().contains("0.0074"));
         assert!(celsius("screw_c", &[293.15, 303.2]).unwrap().contains("kelvin"));
-        assert_eq!(celsius("screw_c", &[20.0, 293.0]), None);
+        let unplugged = [20.5, -127.0, 21.0, -127.0];
+        assert!(celsius("head_1_c", &unplugged).unwrap().contains("-127 in row 2 and 1 more"));
+        assert!(!celsius("screw_c", &[20.0, 293.0]).unwrap().contains("kelvin"));
+        assert_eq!(celsius("screw_c", &[20.0, 93.0]), None);
         assert_eq!(sizes([("a", (8, 6)), ("b", (8, 6))]), None);
         assert!(sizes([("a", (8, 6)), ("b", (16, 12))]).unwrap().contains("'b' has 16×12 px"));
     }

@@ -232,6 +232,11 @@ fn what_lies_outside_the_calibration_is_flagged_and_held() {
         (r#"{"position_mm":{"x":1},"screw_c":{"x":30},"head_c":[3]}"#, "head-sensors", false),
         (r#"{"position_mm":{"x":1},"screw_c":{},"head_c":[3,3,3,3]}"#, "screw-missing:x", false),
         (
+            r#"{"position_mm":{"x":1},"screw_c":{"x":-127},"head_c":[3,3,3,3]}"#,
+            "screw-dead:x",
+            false,
+        ),
+        (
             r#"{"position_mm":{"q":1},"screw_c":{"q":30},"head_c":[3,3,3,3]}"#,
             "axis-not-calibrated:q",
             false,

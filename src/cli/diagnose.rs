@@ -149,11 +149,11 @@ fn table(r: &Report) -> String {
     // Writing to a String cannot fail.
     let _ = writeln!(
         t,
-        "verdict   {}  ({} captures, {} values, noise {:.2} µm: {})",
+        "verdict   {}  ({} captures, {} values, {}: {})",
         r.verdict.word(),
         r.captures,
         r.observations,
-        1e3 * r.noise_mm,
+        r.noise_text(),
         r.noise_source
     );
     r.effects.iter().for_each(|e| t.push_str(&effect_lines(e)));

@@ -30,12 +30,12 @@ fn plain(verdict: Verdict) -> &'static str {
 /// The page.
 pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     let mut body = format!(
-        "<header><h1>Diagnosis: {}</h1><p>{} captures, {} values; noise {:.2} µm ({})</p></header>\n\
+        "<header><h1>Diagnosis: {}</h1><p>{} captures, {} values; {} ({})</p></header>\n\
          <p class=\"verdict {}\"><b>{}</b> {}</p>\n",
         r.kind,
         r.captures,
         r.observations,
-        1e3 * r.noise_mm,
+        escape(&r.noise_text()),
         escape(&r.noise_source),
         class(r.verdict.word()),
         r.verdict.word().to_uppercase(),

@@ -178,6 +178,21 @@ fn short(setting: &Setting) -> String {
     }
 }
 
+impl Report {
+    /// The noise in words: where whole captures have an error of their own, without it and with it.
+    pub fn noise_text(&self) -> String {
+        /// As much more shows in two digits.
+        const SHOWS: f64 = 1.05;
+        let (point, all) = (1e3 * self.noise_mm, 1e3 * self.gap.noise_rms_mm);
+        match self.kind == "rod" && all > SHOWS * point {
+            true => {
+                format!("noise {point:.2} µm a point, {all:.2} µm with its capture's own error")
+            }
+            false => format!("noise {point:.2} µm"),
+        }
+    }
+}
+
 /// What each effect's smallest visible size is on this plan.
 #[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
 pub struct Detectable {

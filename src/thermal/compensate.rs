@@ -176,6 +176,11 @@ impl Compensator {
             flags.push(format!("position-missing:{axis}"));
             return None;
         }
+        let outside_c = (screw.t0_c - t).max(t - screw.t_max_c);
+        if outside_c > (screw.t_max_c - screw.t0_c).abs() + IMPLAUSIBLE_C {
+            flags.push(format!("screw-dead:{axis}"));
+            return None;
+        }
         // T0 is known to its own uncertainty only: a screw as cold as that is no fault.
         let lowest_c = screw.lowest_c();
         if t < screw.t0_c - screw.t0_u95_c {
