@@ -3,28 +3,15 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[path = "common/plain_disc.rs"]
+mod plain_disc;
+
 use assert_cmd::Command;
 use nalgebra::Vector2;
 use pivotsight::render::burn::{self, Beam};
 use pivotsight::render::{BurnScene, Preset, RodScene, rod};
 
-/// A dark disc without spot, texture or noise to speak of.
-fn plain_disc() -> BurnScene {
-    let mut scene = BurnScene::preset(Preset::Clean).unwrap();
-    scene.camera.width_px = 640;
-    scene.camera.height_px = 480;
-    scene.camera.pixel_mm = 0.02.into();
-    scene.sensor.bits = 16;
-    scene.sensor.full_well_e = 1e9.into();
-    scene.sensor.read_noise_e = 0.0.into();
-    scene.sensor.black = 0.0.into();
-    scene.ring.inner_ratio = 0.0.into();
-    scene.ring.level = 0.1.into();
-    scene.spot.level = 0.1.into();
-    scene.ring.softness_mm = 0.0.into();
-    scene.ring.ragged_rms_mm = 0.0.into();
-    scene
-}
+use plain_disc::plain_disc;
 
 /// Centre and radius of the darkness, from its moments in the plane.
 fn moments(made: &burn::RenderedBurn) -> (Vector2<f64>, f64) {

@@ -2,33 +2,29 @@
 
 #![allow(clippy::unwrap_used)]
 
+#[path = "common/plain_disc.rs"]
+mod plain_disc;
+
 use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use pivotsight::camera::Calibration;
 use pivotsight::render::{BurnScene, Picture, Preset, RodScene, burn, rod};
 
+use plain_disc::plain_disc;
+
 const EXPOSURE: f64 = 0.85;
 const METAL: f64 = 0.65 * EXPOSURE;
 const BURNT: f64 = 0.2 * EXPOSURE;
 
-/// A dark disc of 3 mm about the middle of a smooth plate, without noise: 20 µm a pixel.
+/// A disc of 3 mm about the middle of the frame: 20 µm a pixel.
 fn plain() -> BurnScene {
-    let mut scene = BurnScene::preset(Preset::Clean).unwrap();
-    (scene.camera.width_px, scene.camera.height_px) = (640, 480);
-    scene.camera.pixel_mm = 0.02.into();
+    let mut scene = plain_disc();
     scene.camera.blur_px = 0.8.into();
-    scene.sensor.bits = 16;
-    scene.sensor.full_well_e = 1e9.into();
-    scene.sensor.read_noise_e = 0.0.into();
-    scene.sensor.black = 0.0.into();
     scene.ring.center_mm = [0.0.into(), 0.0.into()];
     scene.ring.radius_mm = 3.0.into();
-    scene.ring.inner_ratio = 0.0.into();
     scene.ring.level = 0.2.into();
     scene.spot.level = 0.2.into();
-    scene.ring.softness_mm = 0.0.into();
-    scene.ring.ragged_rms_mm = 0.0.into();
     scene
 }
 
