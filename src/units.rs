@@ -127,6 +127,12 @@ pub fn limit(name: &str, mm: f64) -> Option<String> {
 
 /// The distance from the nozzle's end face to the focus.
 pub fn standoff(name: &str, mm: f64) -> Option<String> {
+    if mm < 0.0 {
+        return Some(format!(
+            "{name} is {mm} mm, which puts the focus within the head: below the nozzle it is {} mm",
+            -mm
+        ));
+    }
     length(name, mm, STANDOFFS_MM)
 }
 
@@ -265,6 +271,7 @@ mod tests {
         assert!(limit("--tolerance-mm", 15.0).unwrap().contains("write 0.015000"));
         assert_eq!((limit("--tolerance-mm", 0.5), standoff("s", 1.5)), (None, None));
         assert!(standoff("head.standoff_mm", 0.0015).unwrap().contains("metres"));
+        assert!(standoff("head.standoff_mm", -1.5).unwrap().contains("within the head"));
         assert!(bar("length_mm", 0.4).unwrap().contains("metres, write 400.0"));
         assert!(pivot("--pivot-mm", 0.573).unwrap().contains("573.0"));
         assert_eq!(

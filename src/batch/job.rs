@@ -189,11 +189,15 @@ impl Prepared<'_> {
         &self.calib_sha256
     }
 
-    /// What is doubtful about the calibration for the pictures seen so far.
+    /// What is doubtful about the options, and about the calibration for the pictures seen so far.
     pub fn doubts(&self) -> Vec<String> {
+        let options = match &self.job.measure {
+            Method::Burn(options) => burn::doubts(options).collect(),
+            _ => Vec::new(),
+        };
         let sizes = self.sizes.lock().unwrap_or_else(PoisonError::into_inner);
         let mixed = units::sizes(sizes.iter().map(|(size, name)| (name.as_str(), *size)));
-        self.calibration.doubts().into_iter().chain(mixed).collect()
+        options.into_iter().chain(self.calibration.doubts()).chain(mixed).collect()
     }
 
     /// Reads a picture, and remembers its size where the calibration does not know it.

@@ -19,7 +19,6 @@ use crate::measure::offset::{self, Offset};
 use crate::output::{Document, Format};
 use crate::repeats;
 use crate::uncertainty::{Verdict, text};
-use crate::units;
 
 /// Measures burn tests: the spot against the ring, the verdict, and how to turn B and shim the head
 #[derive(Debug, clap::Args)]
@@ -93,12 +92,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     }
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
-    let heights = [
-        units::height("--ring-height-mm", args.ring_height_mm),
-        units::height("--spot-height-mm", args.spot_height_mm),
-        units::limit("--tolerance-mm", args.tolerance_mm),
-    ];
-    let doubts = calibration.doubts().into_iter().chain(heights.into_iter().flatten()).collect();
+    let doubts = calibration.doubts().into_iter().chain(burn::doubts(&options)).collect();
     let camera = Camera { calibration: &calibration, identity: &identity, doubts };
     let mut outcome = pictures::run("burn", &args.images, camera, overlay, global, |image| {
         let subject = image.display().to_string();

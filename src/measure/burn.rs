@@ -13,6 +13,7 @@ use crate::measure::plane_errors::PlaneErrors;
 use crate::measure::ring::Ring;
 use crate::measure::{CircleReport, best_channel};
 use crate::uncertainty::{Contribution, K95, budget, k95};
+use crate::units;
 
 /// How the limit is read.
 #[derive(
@@ -167,6 +168,16 @@ pub fn check(options: &Options) -> Result<()> {
         ));
     }
     Ok(())
+}
+
+/// What of the options looks like another unit.
+pub fn doubts(options: &Options) -> impl Iterator<Item = String> {
+    let heights = [
+        units::height("--ring-height-mm", options.ring_height_mm),
+        units::height("--spot-height-mm", options.spot_height_mm),
+        units::limit("--tolerance-mm", options.tolerance_mm),
+    ];
+    heights.into_iter().flatten()
 }
 
 fn report(
