@@ -139,3 +139,51 @@ fn edges_that_wander_along_the_rim_are_noise() {
         assert!(report["noise_source"].as_str().unwrap().contains("follow one another"));
     }
 }
+
+/// Three cycles a turn of C have no name; what goes once round beside them in the same output has one.
+#[test]
+fn a_runout_is_named_beside_another_harmonic() {
+    let mut normal = normal();
+    for again in 0..4 {
+        let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+        for k in 0..156 {
+            let (b, c) = (30.0 * f64::from(k % 7) - 90.0, f64::from(k / 7) * 16.0);
+            let (sin, cos) = (c.to_radians() + f64::from(again)).sin_cos();
+            let three = 0.004 * (3.0 * c.to_radians() + f64::from(again)).sin();
+            let mut noise = || 0.002 * normal();
+            let d = [0.003 * cos + noise(), three - 0.003 * sin + noise(), noise()];
+            writeln!(csv, "{b},{c},{:.6},{:.6},{:.6}", d[0], d[1], d[2]).unwrap();
+        }
+        let report = sweep(&csv);
+        let words = format!("{again}: {} {}", report["effects"], report["unnamed"]);
+        assert_eq!(report["verdict"], "partly", "{words}");
+        assert!(class(&report).contains(&"target-runout"), "{words}");
+        assert_eq!(report["unnamed"][0]["shape"], "harmonic 3", "{words}");
+    }
+}
+
+/// A wave over a ball bar's path, of cycles that are no harmonics of B, hides no length of the head.
+#[test]
+fn a_length_is_named_beside_a_wave_over_b() {
+    let mut normal = normal();
+    for again in 0..4 {
+        let cycles = 2.3 + 0.4 * f64::from(again);
+        let mut csv = String::from("b_deg,z_mm,dir,length_mm\n");
+        for k in 0..300 {
+            let part = f64::from(if k < 150 { k } else { 299 - k }) / 149.0;
+            let b = (-60.0 * part).to_radians();
+            let z = -800.0 * (1.0 - b.cos());
+            let (x, up) = (-400.0 * b.sin(), -400.0 * b.cos() + z + 800.0);
+            let length = (x - 0.02 * b.sin()).hypot(up - 0.02 * b.cos());
+            let wave = 0.003 * (std::f64::consts::TAU * cycles * part + f64::from(again)).sin();
+            let dir = if k < 150 { -1 } else { 1 };
+            let read = length + wave + 0.0007 * normal();
+            writeln!(csv, "{:.6},{z:.6},{dir},{read:.6}", b.to_degrees()).unwrap();
+        }
+        let report = answer("ballbar", BAR, &csv);
+        let words = format!("{cycles}: {} {}", report["effects"], report["unnamed"]);
+        assert_eq!(report["verdict"], "partly", "{words}");
+        assert!(class(&report).contains(&"pivot-length"), "{words}");
+        assert!(report["unnamed"][0]["shape"].as_str().unwrap().starts_with("wave"), "{words}");
+    }
+}

@@ -267,14 +267,14 @@ fn place(shape: &Extra) -> Option<(usize, usize)> {
     }
 }
 
-/// Whether the last of a model's shapes is more of another one: a bump and a step are whole by themselves, two of them or one and
-/// something else are not.
+/// Whether the last of a model's shapes is more of another one: a bump, a step and a harmonic of a turn are whole by themselves, two of
+/// them or one and something else are not.
 fn goes_on(model: &Model) -> bool {
     let Some((last, others)) = model.extras.split_last() else { return false };
     let Some(at) = place(&last.kind) else { return false };
     let mut there = others.iter().filter(|e| place(&e.kind) == Some(at));
     let first = there.next();
-    let whole = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_placed());
+    let whole = |e: &ExtraTerm| matches!(&e.kind, Extra::Generic(t) if t.shape.is_whole());
     first.is_some_and(|e| !whole(e)) || there.next().is_some()
 }
 

@@ -5,7 +5,9 @@ use std::borrow::Cow;
 
 use nalgebra::DMatrix;
 
-use crate::diagnose::basis::{Basis, distinct, legendre, level_edges, middle, orders, smooth};
+use crate::diagnose::basis::{
+    Basis, distinct, is_turn, legendre, level_edges, middle, orders, smooth,
+};
 use crate::diagnose::experiment::{Direction, Layout, Variable};
 use crate::diagnose::shape::{PLACES, Shape, shapes};
 use crate::fit::robust::range;
@@ -261,8 +263,10 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             }
             let most = distinct(&values).len() as f64 / VALUES_TO_A_CYCLE;
             let cycles = if v.name == "t_s" { WAVES_IN_TIME } else { WAVES };
+            let (low, high) = range(&values);
+            let open = !(v.angle && is_turn(low, high));
             let cycles =
-                cycles.map(|k| 0.5 * f64::from(k)).filter(|c| !v.angle && !v.within && *c <= most);
+                cycles.map(|k| 0.5 * f64::from(k)).filter(|c| open && !v.within && *c <= most);
             let waves = cycles.map(Shape::Wave);
             terms.extend(waves.map(|shape| Term { direction, variable, shape }));
             if d.is_part {

@@ -1,6 +1,6 @@
 //! The generic dictionary's shapes: which ones the values of a variable can carry, and what each of them is made of.
 
-use crate::diagnose::basis::{Basis, distinct, of_order, smooth};
+use crate::diagnose::basis::{Basis, distinct, is_turn, of_order, smooth};
 use crate::diagnose::experiment::Variable;
 
 /// A shape in one variable.
@@ -54,6 +54,11 @@ impl Shape {
         matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
     }
 
+    /// Whether it is all that there is to see by itself: what has one harmonic of a turn need not have another, a cubic is a straight line and more.
+    pub fn is_whole(self) -> bool {
+        self.is_placed() || matches!(self, Self::Harmonic(_))
+    }
+
     /// The functions of one variable and of another whose products make a shape over both.
     pub(super) fn factors(self, v: &Variable, w: &Variable) -> (Vec<Basis>, Vec<Basis>) {
         match self {
@@ -102,8 +107,7 @@ pub fn shapes(values: &[f64], angle: bool, most_levels: usize) -> Vec<Shape> {
         let most = HARMONICS.min((count as u32).saturating_sub(1) / 2 + 1);
         shapes.extend((1..=most).map(Shape::Harmonic));
     }
-    let whole_turn = angle && high - low > 270.0;
-    if !whole_turn {
+    if !(angle && is_turn(low, high)) {
         shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
     }
     if count >= LEAST_OF_A_STEP {
