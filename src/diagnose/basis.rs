@@ -46,25 +46,25 @@ pub(super) fn smooth(variable: &Variable) -> Vec<Basis> {
 /// The highest order of a smooth function of a variable.
 pub(super) fn orders(variable: &Variable) -> u32 {
     let most = distinct(&variable.values).len() as u32 - 1;
-    if goes_round(variable) { SURFACE_HARMONICS.min(most / 2) } else { DEGREES.min(most) }
+    if goes_round(variable.angle, &variable.values) {
+        SURFACE_HARMONICS.min(most / 2)
+    } else {
+        DEGREES.min(most)
+    }
 }
 
 /// The functions of one order: cosine and sine round a whole turn, one polynomial otherwise.
 pub(super) fn of_order(variable: &Variable, k: u32) -> Vec<Basis> {
     match k {
-        1.. if goes_round(variable) => vec![Basis::Cos(k), Basis::Sin(k)],
+        1.. if goes_round(variable.angle, &variable.values) => vec![Basis::Cos(k), Basis::Sin(k)],
         _ => vec![Basis::Legendre(k)],
     }
 }
 
-fn goes_round(variable: &Variable) -> bool {
-    let (low, high) = range(&variable.values);
-    variable.angle && is_turn(low, high)
-}
-
-/// Whether an angle over this range goes round: what it shows closes on itself.
-pub(super) fn is_turn(low_deg: f64, high_deg: f64) -> bool {
-    high_deg - low_deg > 270.0
+/// Whether values are those of an angle that goes round: what it shows closes on itself.
+pub(super) fn goes_round(angle: bool, values: &[f64]) -> bool {
+    let (low, high) = range(values);
+    angle && high - low > 270.0
 }
 
 /// Legendre polynomial.

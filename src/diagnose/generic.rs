@@ -6,7 +6,7 @@ use std::borrow::Cow;
 use nalgebra::DMatrix;
 
 use crate::diagnose::basis::{
-    Basis, distinct, is_turn, legendre, level_edges, middle, orders, smooth,
+    Basis, distinct, goes_round, legendre, level_edges, middle, orders, smooth,
 };
 use crate::diagnose::experiment::{Direction, Layout, Variable};
 use crate::diagnose::shape::{PLACES, Shape, shapes};
@@ -263,8 +263,7 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             }
             let most = distinct(&values).len() as f64 / VALUES_TO_A_CYCLE;
             let cycles = if v.name == "t_s" { WAVES_IN_TIME } else { WAVES };
-            let (low, high) = range(&values);
-            let open = !(v.angle && is_turn(low, high));
+            let open = !goes_round(v.angle, &values);
             let cycles =
                 cycles.map(|k| 0.5 * f64::from(k)).filter(|c| open && !v.within && *c <= most);
             let waves = cycles.map(Shape::Wave);

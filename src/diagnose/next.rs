@@ -55,7 +55,10 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
     let picked = choose(&singly, proposals.len(), budget);
     let captures = in_order(fitter.experiment, picked, &proposals);
     // What the list is worth depends on its order and times, which the single captures do not know of.
-    let pairs = pairs(fitter, selection, &rivalries, &captures);
+    let pairs = match captures.is_empty() {
+        true => Vec::new(),
+        false => pairs(fitter, selection, &rivalries, &captures),
+    };
     let parted: Vec<f64> = pairs.iter().map(Pair::parted_by_all).collect();
     let useful = pairs.iter().zip(&parted).any(|(p, s)| *s > p.own.separation() + LEAST_PARTED);
     let captures = if useful { captures } else { Vec::new() };

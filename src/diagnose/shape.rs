@@ -1,6 +1,6 @@
 //! The generic dictionary's shapes: which ones the values of a variable can carry, and what each of them is made of.
 
-use crate::diagnose::basis::{Basis, distinct, is_turn, of_order, smooth};
+use crate::diagnose::basis::{Basis, distinct, goes_round, of_order, smooth};
 use crate::diagnose::experiment::Variable;
 
 /// A shape in one variable.
@@ -107,7 +107,7 @@ pub fn shapes(values: &[f64], angle: bool, most_levels: usize) -> Vec<Shape> {
         let most = HARMONICS.min((count as u32).saturating_sub(1) / 2 + 1);
         shapes.extend((1..=most).map(Shape::Harmonic));
     }
-    if !(angle && is_turn(low, high)) {
+    if !goes_round(angle, values) {
         shapes.extend((1..=DEGREES.min(count as u32 - 1)).map(Shape::Power));
     }
     if count >= LEAST_OF_A_STEP {

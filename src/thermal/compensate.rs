@@ -176,8 +176,7 @@ impl Compensator {
             flags.push(format!("position-missing:{axis}"));
             return None;
         }
-        let outside_c = (screw.t0_c - t).max(t - screw.t_max_c);
-        if outside_c > (screw.t_max_c - screw.t0_c).abs() + IMPLAUSIBLE_C {
+        if is_implausible(t, [screw.t0_c, screw.t_max_c]) {
             flags.push(format!("screw-dead:{axis}"));
             return None;
         }
@@ -224,12 +223,11 @@ impl Compensator {
                     flags.push(format!("head-stuck:{}", c.sensor))
                 }
                 Some(t) => {
-                    let outside = (c.range_c[0] - t).max(t - c.range_c[1]);
-                    if outside > range + IMPLAUSIBLE_C {
+                    if is_implausible(t, c.range_c) {
                         flags.push(format!("head-dead:{}", c.sensor));
                         continue;
                     }
-                    if outside > MARGIN * range {
+                    if outside_c(t, c.range_c) > MARGIN * range {
                         flags.push(format!("head-out-of-range:{}", c.sensor));
                     }
                     living[i] = true;
@@ -247,6 +245,16 @@ impl Compensator {
             |i: usize| if i == head.sensors { 1.0 } else { rise(head, i, readings).unwrap_or(0.0) };
         predictor.as_ref().map(|p| p.predict(value))
     }
+}
+
+/// How far a temperature lies outside the calibrated range.
+fn outside_c(t_c: f64, [low_c, high_c]: [f64; 2]) -> f64 {
+    (low_c - t_c).max(t_c - high_c)
+}
+
+/// Whether a reading is no temperature of a working sensor.
+fn is_implausible(t_c: f64, [low_c, high_c]: [f64; 2]) -> bool {
+    outside_c(t_c, [low_c, high_c]) > high_c - low_c + IMPLAUSIBLE_C
 }
 
 /// A sensor's rise above the cold state.
