@@ -296,3 +296,52 @@ fn names_that_are_not_utf_8_are_refused() {
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("IMAGE") && said.contains("UTF-8"), "{said}");
 }
+
+/// Whoever asked for overlays sees what was refused as well, and why.
+#[test]
+fn what_is_refused_is_drawn_where_overlays_are_asked_for() {
+    let dir = workshop();
+    let dir = dir.path();
+    image::GrayImage::from_pixel(640, 480, image::Luma([90])).save(dir.join("bare.png")).unwrap();
+    std::fs::write(
+        dir.join("bare.csv"),
+        "image,x_mm,y_mm\nbare.png,0,0\nbare.png,5,0\nbare.png,0,5\n",
+    )
+    .unwrap();
+    for (line, job) in [
+        ("burn bare.png burn.png --calib calib.toml --overlay o --format json", "burn"),
+        (
+            "circles bare.png burn.png --calib calib.toml --expect-mm 5.75 --overlay o --format json",
+            "circles",
+        ),
+    ] {
+        let result: serde_json::Value = serde_json::from_slice(&run(dir, line).stdout).unwrap();
+        let [refused, measured] = [0, 1].map(|i| result["results"][i].clone());
+        assert!(refused["error"].is_string() && measured["error"].is_null(), "{job}: {result}");
+        assert_eq!(
+            refused["overlay"].as_str().map(Path::new),
+            Some(&*Path::new("o").join("bare.overlay.png"))
+        );
+        // The picture, twice as large, and what is said beneath.
+        let drawn = image::open(dir.join("o/bare.overlay.png")).unwrap();
+        assert!(drawn.width() == 1280 && drawn.height() > 1000, "{job}");
+        std::fs::remove_dir_all(dir.join("o")).unwrap();
+    }
+    for line in [
+        "burn bare.png --calib calib.toml --overlay o",
+        "rod bare.csv --calib calib.toml --overlay o",
+    ] {
+        assert_eq!(run(dir, line).status.code(), Some(2), "{line}");
+        assert!(dir.join("o/bare.overlay.png").is_file(), "{line}");
+        std::fs::remove_dir_all(dir.join("o")).unwrap();
+    }
+    std::fs::write(
+        dir.join("draw.toml"),
+        "schema = 1\ncalib = \"calib.toml\"\noverlay = true\n[measure.burn]\n",
+    )
+    .unwrap();
+    assert_eq!(run(dir, "batch bare.png --job draw.toml --out batch").status.code(), Some(2));
+    let rows = std::fs::read_to_string(dir.join("batch/results.jsonl")).unwrap();
+    assert!(rows.contains(r#""overlays":["overlays/bare.png.png"]"#), "{rows}");
+    assert!(dir.join("batch/overlays/bare.png.png").is_file());
+}

@@ -212,68 +212,79 @@ impl Prepared<'_> {
 
     /// Measures one item and judges it.
     pub fn measure(&self, item: &Item) -> Measured {
-        let bytes = match input::bytes(&item.path, input::MOST_PICTURE) {
-            Ok(bytes) => bytes,
-            Err(e) => return Measured { sha256: None, result: Err(e), overlays: Vec::new() },
-        };
-        let sha256 = Some(hash::of_bytes(&bytes));
-        match self.report(item, &bytes) {
-            Ok((report, overlays)) => {
-                Measured { sha256, result: self.judged(item, report), overlays }
-            }
-            Err(e) => Measured { sha256, result: Err(e), overlays: Vec::new() },
-        }
+        let (mut sha256, mut overlays) = (None, Vec::new());
+        let report = input::bytes(&item.path, input::MOST_PICTURE).and_then(|bytes| {
+            sha256 = Some(hash::of_bytes(&bytes));
+            self.report(item, &bytes, &mut overlays)
+        });
+        let result = report.and_then(|report| self.judged(item, report));
+        Measured { sha256, result, overlays }
     }
 
-    /// The measurement's own report, and its overlays where the job asks for them.
-    fn report(&self, item: &Item, bytes: &[u8]) -> Result<(Value, Vec<Overlay>)> {
+    /// The measurement's own report. Overlays, where the job asks for them, are of what was measured or refused.
+    fn report(&self, item: &Item, bytes: &[u8], overlays: &mut Vec<Overlay>) -> Result<Value> {
         let own = item.calib.as_ref().map(Calibration::read).transpose()?;
         let calibration = own.as_ref().unwrap_or(&self.calibration);
         let (name, wanted) = (&item.name, self.job.overlay);
-        let mut overlays = Vec::new();
+        let mut add = |png: Option<Vec<u8>>| {
+            overlays.extend(png.map(|png| (overlay_stem(name) + ".png", png)));
+        };
         let report = match &self.job.measure {
             Method::Burn(options) => {
                 let picture = self.picture(item, bytes)?;
                 let options = burns::at_height(options, &item.burnt);
-                let mut measured = burn::measure(&picture, calibration, &options, name)?;
-                measured.report.warnings.extend(item.doubt.clone());
+                let measured = burn::measure(&picture, calibration, &options, name);
                 if wanted {
-                    let png = draw::burn(&picture, calibration, &measured, name)?;
-                    overlays.push((overlay_stem(name) + ".png", png));
+                    add(match &measured {
+                        Ok(measured) => Some(draw::burn(&picture, calibration, measured, name)?),
+                        Err(why) => draw::refused(&picture, calibration, options.channel, why),
+                    });
                 }
-                serde_json::to_value(measured.report)
+                let mut report = measured?.report;
+                report.warnings.extend(item.doubt.clone());
+                serde_json::to_value(report)
             }
             Method::Circles(options) => {
                 let picture = self.picture(item, bytes)?;
-                let measured = circles::measure(&picture, calibration, options, name)?;
+                let measured = circles::measure(&picture, calibration, options, name);
                 if wanted {
-                    let png = draw::circles(&picture, calibration, &measured, name)?;
-                    overlays.push((overlay_stem(name) + ".png", png));
+                    add(match &measured {
+                        Ok(measured) => Some(draw::circles(&picture, calibration, measured, name)?),
+                        Err(why) => draw::refused(&picture, calibration, options.channel, why),
+                    });
                 }
-                serde_json::to_value(measured.report)
+                serde_json::to_value(measured?.report)
             }
             Method::Rod(options) => {
                 let mut warnings = Vec::new();
                 let captures = rod::read_captures(&item.path, &mut warnings)?;
-                let mut measured = rod::measure(&captures, calibration, options)?;
-                measured.report.warnings.splice(..0, warnings);
+                let measured = rod::measure(&captures, calibration, options);
                 if wanted {
                     let channel = options.channel;
-                    let drawn = draw::rod_captures(&captures, calibration, &measured, channel)?;
+                    let drawn: Vec<_> = match &measured {
+                        Ok(measured) => {
+                            draw::rod_captures(&captures, calibration, measured, channel)?
+                                .into_iter()
+                                .enumerate()
+                                .collect()
+                        }
+                        Err(why) => draw::rod_refused(&captures, calibration, channel, why),
+                    };
                     let name = |i: usize| format!("{}-{}.png", overlay_stem(name), i + 1);
-                    overlays.extend(drawn.into_iter().enumerate().map(|(i, png)| (name(i), png)));
+                    overlays.extend(drawn.into_iter().map(|(i, png)| (name(i), png)));
                 }
-                serde_json::to_value(measured.report)
+                let mut report = measured?.report;
+                report.warnings.splice(..0, warnings);
+                serde_json::to_value(report)
             }
         };
-        let report = report.map_err(|e| {
+        report.map_err(|e| {
             Error::measure(
                 name,
                 format!("the report cannot be written as JSON: {e}"),
                 "report this",
             )
-        })?;
-        Ok((report, overlays))
+        })
     }
 
     /// The report's keys with the verdicts of the job's limits.

@@ -93,18 +93,17 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
     let doubts = calibration.doubts().into_iter().chain(burn::doubts(&options)).collect();
-    let camera = Camera { calibration: &calibration, identity: &identity, doubts };
-    let mut outcome = pictures::run("burn", &args.images, camera, overlay, global, |image| {
-        let subject = image.display().to_string();
-        let picture = Picture::read(image)?;
-        let measured = burn::measure(&picture, &calibration, &options, &subject)?;
+    let camera =
+        Camera { calibration: &calibration, identity: &identity, channel: args.channel, doubts };
+    let measure = |picture: &Picture, subject: &str| {
+        let measured = burn::measure(picture, &calibration, &options, subject)?;
         let report = &measured.report;
         let overlay = match &args.overlay {
-            Some(_) => Some(draw::burn(&picture, &calibration, &measured, &subject)?),
+            Some(_) => Some(draw::burn(picture, &calibration, &measured, subject)?),
             None => None,
         };
         let mut shown = Shown {
-            keys: pictures::keys(report, &subject)?,
+            keys: pictures::keys(report, subject)?,
             table: format!("{subject}\n{}", table(report)),
             warnings: report.warnings.clone(),
             good: report.offset.verdict == Verdict::Pass,
@@ -112,12 +111,13 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             size: picture.size(),
         };
         if args.cross_check {
-            let frame = calibration.light_in(&picture, report.channel);
+            let frame = calibration.light_in(picture, report.channel);
             let view = calibration.view(frame.width(), frame.height())?;
             shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
         }
         Ok(shown)
-    })?;
+    };
+    let mut outcome = pictures::run("burn", &args.images, camera, overlay, global, measure)?;
     if args.mean {
         add_mean(&mut outcome, &options, global);
     }

@@ -44,18 +44,17 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
     let (calibration, identity) = Calibration::identified(&args.calib)?;
     let overlay = args.overlay.as_deref();
     let doubts = calibration.doubts();
-    let camera = Camera { calibration: &calibration, identity: &identity, doubts };
-    pictures::run("circles", &args.images, camera, overlay, global, |image| {
-        let subject = image.display().to_string();
-        let picture = Picture::read(image)?;
-        let measured = circles::measure(&picture, &calibration, &options, &subject)?;
+    let camera =
+        Camera { calibration: &calibration, identity: &identity, channel: args.channel, doubts };
+    pictures::run("circles", &args.images, camera, overlay, global, |picture, subject| {
+        let measured = circles::measure(picture, &calibration, &options, subject)?;
         let overlay = match &args.overlay {
-            Some(_) => Some(draw::circles(&picture, &calibration, &measured, &subject)?),
+            Some(_) => Some(draw::circles(picture, &calibration, &measured, subject)?),
             None => None,
         };
         let report = &measured.report;
         let mut shown = Shown {
-            keys: pictures::keys(report, &subject)?,
+            keys: pictures::keys(report, subject)?,
             table: format!("{subject}\n{}", table(report)),
             warnings: report.warnings.clone(),
             good: true,
@@ -63,7 +62,7 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
             size: picture.size(),
         };
         if args.cross_check {
-            let frame = calibration.light_in(&picture, report.channel);
+            let frame = calibration.light_in(picture, report.channel);
             let view = calibration.view(frame.width(), frame.height())?;
             shown.cross_check(&cross::circles(&frame, &view, &named(report))?);
         }

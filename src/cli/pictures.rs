@@ -8,7 +8,9 @@ use serde_json::{Map, Value, json};
 
 use super::{Global, Outcome, Status, envelope};
 use crate::camera::{Calibration, Identity};
+use crate::draw;
 use crate::error::{Error, Result};
+use crate::frame::{self, Channel};
 use crate::measure::cross::Opinion;
 use crate::measure::offset::Mean;
 use crate::output::{Document, create_folder, write_whole};
@@ -64,6 +66,9 @@ pub struct Picture<R> {
 pub struct Failed {
     /// The picture's file.
     image: String,
+    /// The overlay written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    overlay: Option<PathBuf>,
     /// Why not.
     error: String,
     warnings: Vec<String>,
@@ -94,43 +99,69 @@ impl Shown {
     }
 }
 
+/// A picture that could not be measured.
+struct Refused {
+    why: Error,
+    /// The overlay written, where one was asked for and the picture can be shown.
+    overlay: Option<PathBuf>,
+}
+
+impl From<Error> for Refused {
+    fn from(why: Error) -> Self {
+        Self { why, overlay: None }
+    }
+}
+
 /// What a command measures pictures with.
 pub struct Camera<'c> {
     /// The calibration.
     pub calibration: &'c Calibration,
     /// Which one it is.
     pub identity: &'c Identity,
+    /// Which part of colour pictures is measured.
+    pub channel: Channel,
     /// What is doubtful about it or the options, whatever the pictures.
     pub doubts: Vec<String>,
 }
 
-/// Measures every picture with `job` and builds what the command prints. A single picture that fails is the
-/// command's error; of several, each that fails is an entry with `image` and `error`.
+/// Measures every picture with `job`, which is given it and its name, and builds what the command prints. A single picture
+/// that fails is the command's error; of several, each that fails is an entry with `image` and `error`. `overlay` is the
+/// folder for overlays: also of what was refused, with the reason.
 pub fn run(
     command: &str,
     images: &[PathBuf],
     camera: Camera<'_>,
     overlay: Option<&Path>,
     global: &Global,
-    job: impl Fn(&Path) -> Result<Shown> + Sync,
+    job: impl Fn(&frame::Picture, &str) -> Result<Shown> + Sync,
 ) -> Result<Outcome> {
     let names = overlay_names(images);
     if let Some(folder) = overlay {
         global.makes("--overlay", folder, &names)?;
         create_folder(folder)?;
     }
-    let one = |(image, name): (&PathBuf, &String)| -> Result<Shown> {
-        let mut shown = job(image)?;
-        if let (Some(folder), Some(png)) = (overlay, shown.overlay.take()) {
-            let path = folder.join(name);
-            write_whole(&path, &png)?;
+    let write = |name: &str, png: &[u8]| -> Result<Option<PathBuf>> {
+        let Some(path) = overlay.map(|folder| folder.join(name)) else { return Ok(None) };
+        write_whole(&path, png)?;
+        Ok(Some(path))
+    };
+    let one = |(image, name): (&PathBuf, &String)| -> std::result::Result<Shown, Refused> {
+        let picture = frame::Picture::read(image)?;
+        let mut shown = job(&picture, &image.display().to_string()).map_err(|why| {
+            let drawn = overlay
+                .and_then(|_| draw::refused(&picture, camera.calibration, camera.channel, &why));
+            let overlay = drawn.and_then(|png| write(name, &png).ok()?);
+            Refused { why, overlay }
+        })?;
+        if let Some(path) = shown.overlay.take().map(|png| write(name, &png)).transpose()?.flatten()
+        {
             shown.keys.shift_insert(0, "overlay".into(), json!(path));
         }
         Ok(shown)
     };
-    let mut results: Vec<Result<Shown>> = images.par_iter().zip(&names).map(one).collect();
+    let mut results: Vec<_> = images.par_iter().zip(&names).map(one).collect();
     if let [image] = images {
-        let mut shown = results.remove(0)?;
+        let mut shown = results.remove(0).map_err(|refused| refused.why)?;
         shown.warnings.splice(..0, camera.doubts);
         shown.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
         let document =
@@ -158,10 +189,10 @@ fn several(
     command: &str,
     images: &[PathBuf],
     camera: Camera<'_>,
-    results: &[Result<Shown>],
+    results: &[std::result::Result<Shown, Refused>],
     global: &Global,
 ) -> Outcome {
-    let Camera { calibration, identity, doubts: mut warnings } = camera;
+    let Camera { calibration, identity, doubts: mut warnings, .. } = camera;
     if calibration.lens_size().is_none() {
         let names = images.iter().map(|i| i.to_str().unwrap_or_default());
         let measured =
@@ -178,10 +209,11 @@ fn several(
                 warnings.extend(shown.warnings.iter().map(|w| format!("{}: {w}", image.display())));
                 table.push_str(&shown.table);
             }
-            Err(e) => {
+            Err(Refused { why: e, overlay }) => {
                 failed += 1;
                 let mut json = envelope(command, image, &[]);
                 json.insert("image".into(), json!(image));
+                json.extend(overlay.iter().map(|path| ("overlay".to_owned(), json!(path))));
                 json.insert("error".into(), json!(e.to_string()));
                 rows.push(Value::Object(json));
                 table.push_str(&format!("{}\n  FAILED: {e}\n", image.display()));

@@ -99,6 +99,9 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         global.makes("--overlay", folder, overlay_names(captures.iter().map(|c| &c.path)))?;
     }
     let mut measured = rod::measure(&captures, &calibration, &options).map_err(|e| {
+        if let Some(folder) = &args.overlay {
+            refused_overlays(folder, &captures, &calibration, args.channel, &e);
+        }
         // What is odd about the table may be why.
         warnings.extend(odd_places(&captures, &calibration));
         warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
@@ -205,6 +208,23 @@ fn overlays(
         Ok(path)
     };
     overlay_names(captures.iter().map(|c| &c.path)).into_iter().zip(drawn).map(write).collect()
+}
+
+/// The captures of a rod that could not be measured, and why, as far as that can be drawn and written: `why` is the error.
+fn refused_overlays(
+    folder: &Path,
+    captures: &[Capture],
+    calibration: &Calibration,
+    channel: Channel,
+    why: &Error,
+) {
+    if create_folder(folder).is_err() {
+        return;
+    }
+    let names = overlay_names(captures.iter().map(|c| &c.path));
+    for (i, png) in draw::rod_refused(captures, calibration, channel, why) {
+        let _ = write_whole(folder.join(&names[i]), &png);
+    }
 }
 
 fn table(r: &Report) -> String {

@@ -9,7 +9,7 @@ pub use coverage::coverage;
 use nalgebra::Vector2;
 
 use crate::camera::{Calibration, View};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::fit::Circle;
 use crate::frame::{Channel, Frame, Picture};
 use crate::live::center;
@@ -110,6 +110,24 @@ pub fn circles(
     sheet.finish(&Line::plain(headline), &lines)
 }
 
+/// The overlay of a picture in which nothing could be measured as PNG: the frame, where the plane's origin is, and why.
+/// None where the calibration does not fit the picture, which is then why.
+pub fn refused(
+    picture: &Picture,
+    calibration: &Calibration,
+    channel: Channel,
+    why: &Error,
+) -> Option<Vec<u8>> {
+    let frame = picture.frame(channel);
+    let view = calibration.view(frame.width(), frame.height()).ok()?;
+    let mut sheet = Sheet::new(&frame, &view);
+    sheet.cross(Vector2::zeros(), 20.0, OFFSET);
+    sheet.scale_bar();
+    let mut lines = sheet.wrapped(&why.to_string());
+    lines.push(Line("yellow cross: X 0, Y 0".into(), OFFSET));
+    sheet.finish(&Line("NOT MEASURED".into(), REJECTED), &lines).ok()
+}
+
 /// The overlay of a live frame as PNG: the circle, the camera axis, and where to move.
 pub fn center(frame: &Frame, view: &View, ring: &Ring, now: &center::Report) -> Result<Vec<u8>> {
     let mut sheet = Sheet::new(frame, view);
@@ -148,6 +166,20 @@ pub fn rod_captures(
         rod(&frame, calibration, measured, index)
     };
     captures.iter().enumerate().map(one).collect()
+}
+
+/// The same of captures in which no rod could be measured; those that cannot be drawn either are left out.
+pub fn rod_refused(
+    captures: &[rod::Capture],
+    calibration: &Calibration,
+    channel: Channel,
+    why: &Error,
+) -> Vec<(usize, Vec<u8>)> {
+    let one = |(index, capture): (usize, &rod::Capture)| {
+        let picture = Picture::read(&capture.path).ok()?;
+        Some((index, refused(&picture, calibration, channel, why)?))
+    };
+    captures.iter().enumerate().filter_map(one).collect()
 }
 
 /// The overlay of one capture of the rod as PNG: the common circle over the arc that this capture shows.

@@ -25,6 +25,9 @@ const WIDEST: usize = 2400;
 /// Narrowest overlay of a frame, px.
 const NARROWEST: usize = 1000;
 
+/// Free space round the panel's text, in pixels of its letters.
+const PAD: usize = 8;
+
 /// A line of the panel and its colour.
 #[derive(Debug, Clone)]
 pub struct Line(pub String, pub Rgb);
@@ -190,10 +193,27 @@ impl<'a> Sheet<'a> {
         (self.canvas.width / 800).clamp(1, 3)
     }
 
+    /// Words in as many lines of the panel as they take.
+    pub fn wrapped(&self, words: &str) -> Vec<Line> {
+        let scale = self.letters();
+        let most = (self.canvas.width - 2 * PAD * scale) / (8 * scale);
+        let mut lines: Vec<String> = Vec::new();
+        for word in words.split_whitespace() {
+            match lines.last_mut() {
+                Some(line) if line.chars().count() + 1 + word.chars().count() <= most => {
+                    line.push(' ');
+                    line.push_str(word);
+                }
+                _ => lines.push(word.to_owned()),
+            }
+        }
+        lines.into_iter().map(Line::plain).collect()
+    }
+
     /// Appends the panel: a headline, then the lines. Gives the picture as PNG.
     pub fn finish(mut self, headline: &Line, lines: &[Line]) -> Result<Vec<u8>> {
         let scale = self.letters();
-        let (pad, row) = (8 * scale, 13 * scale);
+        let (pad, row) = (PAD * scale, 13 * scale);
         let top = self.canvas.height;
         let panel = 2 * pad + 2 * row + lines.len() * row;
         self.canvas.height += panel;
