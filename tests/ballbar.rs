@@ -98,6 +98,37 @@ fn stated_intervals_hold_and_the_swarm_agrees() {
     assert!((91.0..98.5).contains(&percent), "{percent} %");
 }
 
+/// A backlash cannot be told from the errors where B went one way: how far it would move them is said, and is true.
+#[test]
+fn what_a_backlash_does_to_rows_of_one_way_is_said() {
+    let csv = simulated("zb", 0.0001, 3, 300);
+    let known = Options::default();
+    let plain = solve(&csv, &known);
+    let said = plain.warnings.iter().find(|w| w.starts_with("B goes one way only")).unwrap();
+    let word =
+        |after: &str| said.split(after).nth(1).unwrap().split(' ').next().unwrap().to_owned();
+    let (name, stated) = (word("1 µm moves "), word("by up to ").parse::<f64>().unwrap());
+    let value = |report: &Report| report.visible.iter().find(|v| v.name == name).unwrap().value;
+    let header: Vec<&str> = csv.lines().next().unwrap().split(',').collect();
+    let moved = |column: &str, by: f64| {
+        let at = header.iter().position(|h| *h == column).unwrap();
+        let rows = csv.lines().skip(1).map(|row| {
+            let mut cells: Vec<String> = row.split(',').map(str::to_owned).collect();
+            cells[at] = (cells[at].parse::<f64>().unwrap() + by).to_string();
+            cells.join(",") + "\n"
+        });
+        let text = header.join(",") + "\n" + &rows.collect::<String>();
+        (value(&solve(&text, &known)) - value(&plain)).abs()
+    };
+    let (b, z) = (moved("b_deg", (1e-3f64 / 400.0).to_degrees()), moved("z_mm", 1e-3));
+    assert!((b.max(z) / stated - 1.0).abs() < 0.02, "{said}: {b} and {z}");
+    // Both ways, and the file says so or not.
+    let rows: Vec<&str> = csv.lines().skip(1).collect();
+    let back: String = rows.iter().rev().map(|row| format!("{row}\n")).collect();
+    let both = solve(&format!("{csv}{back}"), &known);
+    assert!(!both.warnings.iter().any(|w| w.contains("one way")), "{:?}", both.warnings);
+}
+
 #[test]
 fn z_may_be_missing_or_count_either_way() {
     let csv = simulated("zb", 0.0, 1, 60);

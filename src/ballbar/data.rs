@@ -32,6 +32,17 @@ impl Data {
         order
     }
 
+    /// Whether B turns one way along every path: as `dir` says, or without it as the rows follow each other.
+    pub(super) fn goes_one_way(&self) -> bool {
+        let steps = self.points.windows(2).filter(|two| two[0].path == two[1].path);
+        let ways: Vec<f64> = if self.points.iter().all(|p| p.dir == 0.0) {
+            steps.map(|two| two[1].pose.b_rad - two[0].pose.b_rad).filter(|s| *s != 0.0).collect()
+        } else {
+            self.points.iter().map(|p| p.dir).filter(|way| *way != 0.0).collect()
+        };
+        ways.windows(2).all(|two| two[0].signum() == two[1].signum())
+    }
+
     /// Reads `b_deg,length_mm`, optionally `x_mm,z_mm,path,cup_y_mm,dir`. Where X or Z is missing the path tells it.
     pub fn read(file: impl AsRef<FilePath>, options: &Options) -> Result<Self> {
         let mut table = Table::read(

@@ -6,7 +6,7 @@ use super::data::Data;
 use super::model::{Bar, ERRORS, Errors, Point, to_unit};
 use super::path::{Kind, Path, Setup};
 use super::report::{Combination, Report, Term, Value};
-use super::sight::{Sight, null_space, rows, suggest, there_and_back};
+use super::sight::{self, Sight, null_space, rows, suggest, there_and_back};
 use super::swarm;
 use crate::error::{Error, Result, above_zero};
 use crate::fit::least_squares::Solution;
@@ -81,6 +81,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
         .cloned()
         .chain(warnings(options, rms, dof))
         .chain(reversal(data))
+        .chain(problem.one_way(&solved.covariance, &u95_of)?)
         .chain(beside_x(data, &visible))
         .collect();
     let swarm_value =
@@ -146,6 +147,39 @@ impl Problem<'_> {
     /// Their derivative, for which the sensitivities without errors serve.
     fn derivative(&self) -> DMatrix<f64> {
         &self.sight.left * self.sight.directions.transpose()
+    }
+
+    /// What a backlash does that rows of one way cannot show: the error it moves farthest beyond its interval.
+    fn one_way(
+        &self,
+        covariance: &DMatrix<f64>,
+        u95_of: &impl Fn(&[f64; 6]) -> f64,
+    ) -> Result<Option<String>> {
+        const ONE_UM: f64 = 1e-3;
+        if !self.data.goes_one_way() {
+            return Ok(None);
+        }
+        let left = self.derivative();
+        let columns = sight::backlash(self.bar, &self.data.points, |_| 1.0)?;
+        let moved = columns.iter().flat_map(|column| {
+            let z = covariance * left.tr_mul(column) * ONE_UM;
+            let errors = self.errors(z.as_slice());
+            self.sight.visible().into_iter().map(move |i| (i, errors[i].abs()))
+        });
+        let beyond = |&(i, moved): &(usize, f64)| {
+            let mut alone = [0.0; 6];
+            alone[i] = self.scale[i];
+            moved / u95_of(&alone)
+        };
+        let worst = moved.max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
+        Ok(worst.map(|(i, moved)| {
+            let (name, unit) = ERRORS[i];
+            format!(
+                "B goes one way only: a backlash of B or Z looks like the errors and is in no interval (1 µm moves {name} by up to \
+                 {:.5} {unit}); measure there and back, with a column 'dir'",
+                to_unit(i, moved)
+            )
+        }))
     }
 
     /// The errors that a swarm finds on the same sums of squares, |R z - Qᵀ r|², in coordinates of equal weight: w = R z.

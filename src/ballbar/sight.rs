@@ -85,26 +85,36 @@ fn nuisances(bar: &Bar, points: &[Point], options: &Options) -> Result<DMatrix<f
         columns.push(DVector::from_element(points.len(), -1.0));
     }
     if there_and_back(points) {
-        // What a backlash of B or of Z adds, either way: the axis stands elsewhere than it reads.
-        for moved in [[0.01 / bar.scale_b_mm(), 0.0], [0.0, 0.01]] {
-            let at = |sign: f64| {
-                let elsewhere = |p: &Point| {
-                    let mut p = *p;
-                    p.pose.b_rad += sign * moved[0] * p.dir;
-                    p.pose.up_mm += sign * moved[1] * p.dir;
-                    p
-                };
-                bar.known(&points.iter().map(elsewhere).collect::<Vec<_>>(), &[0.0; 6])
-            };
-            let (up, down) = (at(1.0)?, at(-1.0)?);
-            columns.push(DVector::from_fn(points.len(), |i, _| (up[i] - down[i]) / 0.02));
-        }
+        columns.extend(backlash(bar, points, |p| p.dir)?);
     }
     Ok(if columns.is_empty() {
         DMatrix::zeros(points.len(), 0)
     } else {
         DMatrix::from_columns(&columns)
     })
+}
+
+/// What 1 mm of backlash of B at the pivot length and of Z adds to the lengths where the axes go `way`: they stand elsewhere
+/// than they read.
+pub(super) fn backlash(
+    bar: &Bar,
+    points: &[Point],
+    way: impl Fn(&Point) -> f64,
+) -> Result<[DVector<f64>; 2]> {
+    let column = |b_rad: f64, up_mm: f64| {
+        let at = |sign: f64| {
+            let elsewhere = |p: &Point| {
+                let mut moved = *p;
+                moved.pose.b_rad += sign * b_rad * way(p);
+                moved.pose.up_mm += sign * up_mm * way(p);
+                moved
+            };
+            bar.known(&points.iter().map(elsewhere).collect::<Vec<_>>(), &[0.0; 6])
+        };
+        let (up, down) = (at(1.0)?, at(-1.0)?);
+        Ok(DVector::from_fn(points.len(), |i, _| (up[i] - down[i]) / 0.02))
+    };
+    Ok([column(0.01 / bar.scale_b_mm(), 0.0)?, column(0.0, 0.01)?])
 }
 
 /// Orthonormal columns of the same span (Gram-Schmidt, twice for rounding).

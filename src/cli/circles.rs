@@ -8,7 +8,7 @@ use super::{Global, Outcome};
 use crate::camera::Calibration;
 use crate::draw;
 use crate::error::Result;
-use crate::frame::{Channel, Picture};
+use crate::frame::Channel;
 use crate::measure::CircleReport;
 use crate::measure::circles::{self, Options, Report};
 use crate::measure::cross;
