@@ -279,6 +279,18 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     assert!(elsewhere.args(["solve", "../session.toml"]).output().unwrap().status.success());
     assert!(dir.join("kept.sqlite").exists() && !dir.join("sub/kept.sqlite").exists());
     // What is said on the command line is not held against what does not go with it here.
+    // A default that needs an option which is not there waits for a call that has it.
+    std::fs::write(
+        dir.join("config.toml"),
+        "[rotary]\npivot-mm = 573\ncontrol = \"siemens\"\naxis = \"C1\"\n",
+    )
+    .unwrap();
+    let sweep = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/examples/k197-1.csv");
+    let sweep = sweep.to_str().unwrap();
+    ok(dir, &["rotary", sweep]);
+    ok(dir, &["rotary", sweep, "--table", "t.spf"]);
+    assert!(std::fs::read_to_string(dir.join("t.spf")).unwrap().contains("C1"));
+    refused(dir, &["rotary", sweep, "--step-deg", "10"], "--table <FILE>");
     std::fs::write(dir.join("config.toml"), "[verify]\ndata = \"none.csv\"\n").unwrap();
     refused(dir, &["verify", "--plan", "s.csv", "--machine", "m.toml"], "m.toml: cannot read");
     for (config, words) in [
@@ -386,10 +398,38 @@ fn reports_stand_in_a_browser_and_print_on_a4() {
     )
     .unwrap();
     run(dir, &["batch", picture, "--job", "job.toml", "--out", "batch"]);
-    for result in ["burn.json", "solve.json", "batch"] {
+    ok(dir, &["thermal", "simulate", "heat"]);
+    let (head, screw) = ("heat/head.csv", "heat/screw.csv");
+    ok(dir, &["thermal", "fit", "--head", head, "--screw", screw, "--out", "model.json"]);
+    let lengths = ["--path", "zb,zb-y150", "--error", "X0B=0.02", "--noise-mm", "0.0005"];
+    ok(
+        dir,
+        &[&["ballbar", "simulate", "--format", "csv", "--out", "bar.csv"], &lengths[..]].concat(),
+    );
+    let bar = ["ballbar", "decouple", "--data", "bar.csv", "--format", "json", "--out", "bar.json"];
+    ok(dir, &bar);
+    for result in ["burn.json", "solve.json", "batch", "model.json", "bar.json"] {
         ok(dir, &["report", result, "--quiet"]);
     }
-    let expected: [(&str, &[&str]); 3] = [
+    let expected: [(&str, &[&str]); 5] = [
+        (
+            "model.html",
+            &[
+                "X screw: slope at T max, µm/m",
+                "head sensor 6, µm/°C",
+                "Slopes of the screws",
+                "thermal compensate",
+            ],
+        ),
+        (
+            "bar.html",
+            &[
+                "X0B, B axis off in X, mm",
+                "Particle swarm",
+                "together change no length",
+                "Measure the path xbk-y150",
+            ],
+        ),
         (
             "burn.html",
             &[
@@ -436,7 +476,8 @@ fn reports_stand_in_a_browser_and_print_on_a4() {
         );
         assert_eq!(seen["broken"], 0, "{name}");
         assert!(
-            seen["pictures"].as_i64() >= Some(i64::from(name != "solve.html")),
+            seen["pictures"].as_i64()
+                >= Some(i64::from(name.starts_with('b') && name != "bar.html")),
             "{name}: {seen}"
         );
         words.iter().for_each(|w| assert!(dom.contains(w), "{name} does not say {w}"));

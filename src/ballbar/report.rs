@@ -1,11 +1,11 @@
 //! What `decouple` hands back.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::plot::{Figure, Panel};
 
 /// An error the paths can see.
-#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Value {
     /// Its name.
     pub name: String,
@@ -18,7 +18,7 @@ pub struct Value {
 }
 
 /// A name with a number.
-#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Term {
     /// The error's name.
     pub name: String,
@@ -27,7 +27,7 @@ pub struct Term {
 }
 
 /// A sum of errors that is visible though its parts are not.
-#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Combination {
     /// Factors, mm for a mm or for a degree.
     pub terms: Vec<Term>,
@@ -40,7 +40,7 @@ pub struct Combination {
 }
 
 /// Errors taken apart.
-#[derive(Debug, Clone, Serialize, schemars::JsonSchema)]
+#[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Report {
     /// Number of independent combinations of the six errors the paths see.
     pub rank: usize,

@@ -15,6 +15,8 @@ use std::any::TypeId;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+
 use super::outfiles::OutFile;
 use super::{Global, Outcome};
 use crate::error::{Error, Result, nearest};
@@ -76,12 +78,33 @@ pub fn arguments(given: Vec<OsString>) -> Result<Vec<OsString>> {
     let file = File { path: &path, program: &program, words: &words, asked: &asked };
     let mut defaults = Vec::new();
     file.defaults(&table, &[&program], &mut defaults)?;
-    let mut all = given;
     // Without a command (none, or a misspelt one) there is no place for them.
-    if after > 0 {
-        all.splice(after..after, defaults.into_iter().map(OsString::from));
+    if after == 0 {
+        return Ok(given);
     }
-    Ok(all)
+    let with = |defaults: &[Vec<String>]| {
+        let mut all = given.clone();
+        all.splice(after..after, defaults.iter().flatten().map(OsString::from));
+        all
+    };
+    // What the command then asks for beside what is given.
+    let lacks = |defaults: &[Vec<String>]| -> Vec<String> {
+        let error = program.clone().try_get_matches_from(with(defaults)).err();
+        let error = error.filter(|e| e.kind() == ErrorKind::MissingRequiredArgument);
+        match error.as_ref().and_then(|e| e.get(ContextKind::InvalidArg)) {
+            Some(ContextValue::Strings(names)) => names.clone(),
+            _ => Vec::new(),
+        }
+    };
+    // A default that needs an option which neither the line nor the file gives is for other calls.
+    let (own, missing) = (lacks(&[]), lacks(&defaults));
+    if missing.iter().any(|name| !own.contains(name)) {
+        defaults.retain(|default| {
+            let asks = lacks(std::slice::from_ref(default));
+            asks.iter().all(|name| own.contains(name) || !missing.contains(name))
+        });
+    }
+    Ok(with(&defaults))
 }
 
 /// The file, and the command line that it is read for.
@@ -99,7 +122,7 @@ impl File<'_> {
         &self,
         table: &toml::Table,
         commands: &[&clap::Command],
-        defaults: &mut Vec<String>,
+        defaults: &mut Vec<Vec<String>>,
     ) -> Result<()> {
         let command = commands[commands.len() - 1];
         let names = |c: &[&clap::Command]| -> Vec<String> {
@@ -125,7 +148,7 @@ impl File<'_> {
                     let known = option.is_global_set() || commands.len() == self.asked.len();
                     let said = is_given(self.words, &option) || self.excludes(command, &option);
                     if wanted && known && !said {
-                        defaults.extend(flags);
+                        defaults.push(flags);
                     }
                 }
             }
@@ -218,15 +241,11 @@ impl File<'_> {
             (self.program.clone().try_get_matches_from(line).err(), words)
         });
         let needs_more = |e: &clap::Error| {
-            use clap::error::ErrorKind::{
-                DisplayHelpOnMissingArgumentOrSubcommand, MissingRequiredArgument,
-                MissingSubcommand,
-            };
             matches!(
                 e.kind(),
-                MissingRequiredArgument
-                    | MissingSubcommand
-                    | DisplayHelpOnMissingArgumentOrSubcommand
+                ErrorKind::MissingRequiredArgument
+                    | ErrorKind::MissingSubcommand
+                    | ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand
             )
         };
         match judged {
@@ -244,7 +263,7 @@ fn expected(option: &clap::Arg, is_path: bool, error: Option<clap::Error>) -> St
     let of = option.get_value_parser().type_id();
     let choices: Vec<String> =
         option.get_possible_values().iter().map(|v| v.get_name().to_owned()).collect();
-    if error.as_ref().is_some_and(|e| e.kind() == clap::error::ErrorKind::ArgumentConflict) {
+    if error.as_ref().is_some_and(|e| e.kind() == ErrorKind::ArgumentConflict) {
         return "give one value, not a list".into();
     }
     if !choices.is_empty() {

@@ -99,17 +99,11 @@ impl Shown {
     }
 }
 
-/// A picture that could not be measured.
-struct Refused {
-    why: Error,
+/// What became of one picture.
+struct Answer {
+    shown: Result<Shown>,
     /// The overlay written, where one was asked for and the picture can be shown.
     overlay: Option<PathBuf>,
-}
-
-impl From<Error> for Refused {
-    fn from(why: Error) -> Self {
-        Self { why, overlay: None }
-    }
 }
 
 /// What a command measures pictures with.
@@ -140,35 +134,40 @@ pub fn run(
         global.makes("--overlay", folder, &names)?;
         create_folder(folder)?;
     }
-    let write = |name: &str, png: &[u8]| -> Result<Option<PathBuf>> {
-        let Some(path) = overlay.map(|folder| folder.join(name)) else { return Ok(None) };
-        write_whole(&path, png)?;
-        Ok(Some(path))
-    };
-    let one = |(image, name): (&PathBuf, &String)| -> std::result::Result<Shown, Refused> {
-        let picture = frame::Picture::read(image)?;
-        let mut shown = job(&picture, &image.display().to_string()).map_err(|why| {
-            let drawn = overlay
-                .and_then(|_| draw::refused(&picture, camera.calibration, camera.channel, &why));
-            let overlay = drawn.and_then(|png| write(name, &png).ok()?);
-            Refused { why, overlay }
-        })?;
-        if let Some(path) = shown.overlay.take().map(|png| write(name, &png)).transpose()?.flatten()
-        {
-            shown.keys.shift_insert(0, "overlay".into(), json!(path));
+    let one = |(image, name): (&PathBuf, &String)| -> Answer {
+        let picture = match frame::Picture::read(image) {
+            Ok(picture) => picture,
+            Err(e) => return Answer { shown: Err(e), overlay: None },
+        };
+        let mut shown = job(&picture, &image.display().to_string());
+        let drawn = match &mut shown {
+            Ok(shown) => shown.overlay.take(),
+            Err(why) => overlay
+                .and_then(|_| draw::refused(&picture, camera.calibration, camera.channel, why)),
+        };
+        let written = drawn.zip(overlay).map(|(png, folder)| {
+            let path = folder.join(name);
+            write_whole(&path, &png).map(|()| path)
+        });
+        match written.transpose() {
+            Ok(overlay) => Answer { shown, overlay },
+            // Why a picture was refused matters more.
+            Err(e) => Answer { shown: shown.and(Err(e)), overlay: None },
         }
-        Ok(shown)
     };
-    let mut results: Vec<_> = images.par_iter().zip(&names).map(one).collect();
+    let mut answers: Vec<Answer> = images.par_iter().zip(&names).map(one).collect();
     if let [image] = images {
-        let mut shown = results.remove(0).map_err(|refused| refused.why)?;
+        let Answer { shown, overlay } = answers.remove(0);
+        let mut shown = shown?;
         shown.warnings.splice(..0, camera.doubts);
         shown.warnings.iter().for_each(|w| global.say(format!("warning: {w}")));
-        let document =
-            Document::single(entry(command, image, camera.identity, &shown), shown.table);
+        let document = Document::single(
+            entry(command, image, overlay.as_ref(), camera.identity, &shown),
+            shown.table,
+        );
         return Ok(Outcome { document: Some(document), status: status(shown.good) });
     }
-    Ok(several(command, images, camera, &results, global))
+    Ok(several(command, images, camera, &answers, global))
 }
 
 /// What the command ends with where every picture was measured.
@@ -177,43 +176,55 @@ pub fn status(good: bool) -> Status {
 }
 
 /// A picture's result as it is printed on its own.
-fn entry(command: &str, image: &Path, calibration: &Identity, shown: &Shown) -> Value {
+fn entry(
+    command: &str,
+    image: &Path,
+    overlay: Option<&PathBuf>,
+    calibration: &Identity,
+    shown: &Shown,
+) -> Value {
     let mut json = envelope(command, image, &shown.warnings);
     json.insert("image".into(), json!(image));
     json.insert("calibration".into(), json!(calibration));
+    json.extend(named(overlay));
     json.extend(shown.keys.clone());
     Value::Object(json)
+}
+
+/// The key of an overlay that was written.
+fn named(overlay: Option<&PathBuf>) -> Option<(String, Value)> {
+    overlay.map(|path| ("overlay".into(), json!(path)))
 }
 
 fn several(
     command: &str,
     images: &[PathBuf],
     camera: Camera<'_>,
-    results: &[std::result::Result<Shown, Refused>],
+    answers: &[Answer],
     global: &Global,
 ) -> Outcome {
     let Camera { calibration, identity, doubts: mut warnings, .. } = camera;
     if calibration.lens_size().is_none() {
         let names = images.iter().map(|i| i.to_str().unwrap_or_default());
         let measured =
-            names.zip(results).filter_map(|(name, r)| Some((name, r.as_ref().ok()?.size)));
+            names.zip(answers).filter_map(|(name, a)| Some((name, a.shown.as_ref().ok()?.size)));
         warnings.extend(units::sizes(measured));
     }
     let (mut rows, mut table) = (Vec::new(), String::new());
     let (mut failed, mut good) = (0, true);
-    for (image, result) in images.iter().zip(results) {
-        match result {
+    for (image, Answer { shown, overlay }) in images.iter().zip(answers) {
+        match shown {
             Ok(shown) => {
                 good &= shown.good;
-                rows.push(entry(command, image, identity, shown));
+                rows.push(entry(command, image, overlay.as_ref(), identity, shown));
                 warnings.extend(shown.warnings.iter().map(|w| format!("{}: {w}", image.display())));
                 table.push_str(&shown.table);
             }
-            Err(Refused { why: e, overlay }) => {
+            Err(e) => {
                 failed += 1;
                 let mut json = envelope(command, image, &[]);
                 json.insert("image".into(), json!(image));
-                json.extend(overlay.iter().map(|path| ("overlay".to_owned(), json!(path))));
+                json.extend(named(overlay.as_ref()));
                 json.insert("error".into(), json!(e.to_string()));
                 rows.push(Value::Object(json));
                 table.push_str(&format!("{}\n  FAILED: {e}\n", image.display()));

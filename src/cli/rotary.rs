@@ -45,22 +45,22 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     table: Option<OutFile>,
     /// For which control
-    #[arg(long, value_enum, default_value = "csv")]
+    #[arg(long, requires = "table", value_enum, default_value = "csv")]
     control: export::Control,
     /// The axis' name in the control
-    #[arg(long, default_value = "B")]
+    #[arg(long, requires = "table", default_value = "B")]
     axis: String,
     /// The axis' number (FANUC)
-    #[arg(long, value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
+    #[arg(long, requires = "table", value_name = "N", default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..=32))]
     axis_number: u32,
     /// Least step of a table entry
-    #[arg(long, value_name = "DEG", default_value_t = 0.0001)]
+    #[arg(long, requires = "table", value_name = "DEG", default_value_t = 0.0001)]
     resolution_deg: f64,
     /// Distance between table points (default: the smallest measured step)
-    #[arg(long, value_name = "DEG")]
+    #[arg(long, requires = "table", value_name = "DEG")]
     step_deg: Option<f64>,
     /// Number of the table point at the reference position (FANUC)
-    #[arg(long, value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(0..=1535))]
+    #[arg(long, requires = "table", value_name = "N", default_value_t = 100, value_parser = clap::value_parser!(u32).range(0..=1535))]
     reference_point: u32,
     /// Write rotary.svg to DIR
     #[arg(long, value_name = "DIR")]

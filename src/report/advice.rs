@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use super::history;
+use super::{ballbar, history, thermal};
 use crate::batch::limits::number;
 use crate::measure::offset::Correction;
 use crate::uncertainty::text;
@@ -35,6 +35,9 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
     }
     if command == "history" {
         return history::verdict(result);
+    }
+    if command == "ballbar-decouple" {
+        return ("measured", ballbar::sentence(result));
     }
     if command == "burn" && !stated.is_empty() {
         let of = format!(
@@ -163,6 +166,10 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
                 "Go on keeping results here (--records FILE): the more there are, the smaller a change that shows.".into()
             }]
         }
+        ("align", "" | "pass") => vec!["Move the program onto the blank: pivotsight align apply --align FILE --machine MACHINE.toml IN OUT, with this result as FILE.".into()],
+        ("rotary", "" | "fail" | "undecided") => vec!["Enter the new table (comp new) and run the sweep again: what is left must lie within its predicted U. A deviation that has grown twofold says that the readings' sign is turned round.".into()],
+        ("ballbar-decouple", _) => ballbar::next(result),
+        ("thermal-fit", _) => thermal::next(),
         ("center", stated) if stated != "pass" => {
             let by = |k: usize| {
                 let of = |key: &str| get(&format!("{key}.{k}")).unwrap_or(f64::NAN);

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value};
 
-use super::history;
+use super::{history, thermal};
 use crate::batch::limits::{number, u95_key};
 use crate::plot::{Figure, Panel};
 
@@ -12,6 +12,9 @@ pub fn of(command: &str, result: &Value) -> Vec<Figure> {
     let mut figures = Vec::new();
     if command == "history" {
         figures.extend(history::figure(result));
+    }
+    if command == "thermal-fit" {
+        figures.extend(thermal::figure(result));
     }
     if command == "burn" {
         figures.extend(target(map));

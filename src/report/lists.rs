@@ -2,9 +2,8 @@
 
 use serde_json::{Map, Value};
 
-use super::history;
 use super::numbers::unit;
-use super::words;
+use super::{ballbar, history, thermal, words};
 
 /// Rows of a list beyond this many stay in the result's file.
 pub const MAX_ROWS: usize = 200;
@@ -27,6 +26,11 @@ pub struct List {
 /// The lists of objects in a result: rows of a sweep, effects of a diagnosis, statistics of a batch.
 pub fn lists(command: &str, result: &Value) -> Vec<List> {
     let shown = ["limits", "circles", "pairs", "budget", "results", "records"];
+    match command {
+        "ballbar-decouple" => return ballbar::lists(result),
+        "thermal-fit" => return thermal::lists(result),
+        _ => {}
+    }
     let Some(map) = result.as_object() else { return Vec::new() };
     let vectors: Vec<Vec<String>> = (1..=4)
         .filter_map(|i| {

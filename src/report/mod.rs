@@ -2,12 +2,14 @@
 //! pictures, what contributes to the uncertainty, the calibration, and what to do next. Prints on A4.
 
 pub(crate) mod advice;
+mod ballbar;
 mod charts;
 mod history;
 pub(crate) mod html;
 mod lists;
 mod numbers;
 mod source;
+mod thermal;
 
 use std::path::{Path, PathBuf};
 

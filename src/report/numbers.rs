@@ -2,6 +2,7 @@
 
 use serde_json::{Map, Value};
 
+use super::{ballbar, thermal};
 use crate::batch::limits::{number, u95_key};
 use crate::error::{Error, Result};
 use crate::output::flatten;
@@ -22,6 +23,12 @@ pub struct Characteristic {
 }
 
 impl Characteristic {
+    /// What was measured, with neither nominal nor limit.
+    pub fn new(name: String, unit: &'static str, actual: f64, u95: Option<f64>) -> Self {
+        let tolerance = String::new();
+        Self { name, unit, nominal: None, actual, tolerance, u95, verdict: None }
+    }
+
     /// Its cells, in the table's order.
     pub fn cells(&self) -> Vec<String> {
         let digits = digits(self.u95, self.actual);
@@ -57,8 +64,11 @@ fn digits(u95: Option<f64>, actual: f64) -> usize {
 /// every limit that was judged.
 pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
     let Some(map) = result.as_object() else { return Vec::new() };
-    if command == "verify" {
-        return verified(map);
+    match command {
+        "verify" => return verified(map),
+        "ballbar-decouple" => return ballbar::characteristics(result),
+        "thermal-fit" => return thermal::characteristics(result),
+        _ => {}
     }
     let mut rows: Vec<Characteristic> = flatten(result)
         .into_iter()
@@ -198,15 +208,7 @@ fn moves(map: &Map<String, Value>) -> impl Iterator<Item = Characteristic> {
 
 /// A number as it stands, with neither nominal nor limit.
 fn plain(map: &Map<String, Value>, key: &str, name: &str) -> Option<Characteristic> {
-    Some(Characteristic {
-        name: name.to_owned(),
-        unit: unit(key),
-        nominal: None,
-        actual: number(map, key)?,
-        tolerance: String::new(),
-        u95: None,
-        verdict: None,
-    })
+    Some(Characteristic::new(name.to_owned(), unit(key), number(map, key)?, None))
 }
 
 /// Which of a burn's two readings of concentricity the tolerance is held against.
@@ -291,6 +293,10 @@ fn label(key: &str) -> String {
         "axis_center_mm.0" => return "C axis X".into(),
         "axis_center_mm.1" => return "C axis Y".into(),
         "axis_center_mm" => return "C axis".into(),
+        "a_deg" => return "A, turn about X that levels the blank".into(),
+        "b_deg" => return "B, turn about Y that levels the blank".into(),
+        "tilt_deg" => return "tilt in all".into(),
+        "dz_mm" => return "ΔZ, levelled face above the ideal".into(),
         "worst_mm" => return "largest true deviation".into(),
         "summary.before_max_mm" => return "largest deviation measured".into(),
         _ => {}
