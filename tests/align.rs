@@ -11,7 +11,7 @@ use pivotsight::align::apply::{Options, apply};
 use pivotsight::align::{Alignment, Touches, fit};
 use pivotsight::machine::{Machine, ToolPose};
 use pivotsight::table::Table;
-use rand::SeedableRng;
+use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 
 /// A blank that lies at `shift`, tilted so that `Ry(b) Rx(a)` levels it: touches with noise.
@@ -505,4 +505,33 @@ fn rough_sides_and_few_points_have_intervals_that_hold() {
     }
     assert!(held > 90, "{held} of 100");
     assert!(worst < 3.0, "{worst}");
+}
+
+/// Touches of a level face all round the same way: more of them make their height no surer than the digit.
+#[test]
+fn coarse_readings_that_agree_are_no_surer_than_their_digit() {
+    let mut random = rand_chacha::ChaCha8Rng::seed_from_u64(8);
+    let (mut high, mut across) = (0, 0);
+    for _ in 0..200 {
+        let coarse = |mm: f64| (100.0 * mm).round() / 100.0;
+        let noise = Normal::new(0.0, 0.0005).unwrap();
+        let [z, x, y, tilt] = std::array::from_fn(|_| random.random_range(-0.01..0.01));
+        let mut draw = || noise.sample(&mut random);
+        let mut out = String::from("kind,x_mm,y_mm,z_mm\n");
+        for at in [[-50, -50], [50, -50], [50, 50], [-50, 50], [0, 10], [20, -30], [-30, 0]] {
+            let height = 50.0 + z + 0.005 * tilt * f64::from(at[0]) + draw();
+            writeln!(out, "face,{},{},{:.2}", at[0], at[1], coarse(height)).unwrap();
+        }
+        for side in [-60.0, 60.0] {
+            for along in [-20, 0, 20] {
+                writeln!(out, "side_x,{:.2},{along},30", coarse(side + x + draw())).unwrap();
+                writeln!(out, "side_y,{along},{:.2},30", coarse(side + y + draw())).unwrap();
+            }
+        }
+        let found = fitted(&out, &IDEAL);
+        let (center, u95) = (found.center_mm.unwrap(), found.center_u95_mm.unwrap());
+        high += usize::from((found.dz_mm - z).abs() < found.dz_u95_mm);
+        across += usize::from((center[0] - x).abs() < u95[0]);
+    }
+    assert!(high >= 184 && across >= 184, "{high} and {across} of 200");
 }

@@ -220,6 +220,8 @@ struct Touch {
     u_mm: f64,
     face_u95_mm: f64,
     sides_u95_mm: f64,
+    /// Of the last digit, which touches that read the same have in common; none where the probe scatters over it.
+    digit_u95_mm: f64,
 }
 
 fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec<String>) -> Touch {
@@ -241,9 +243,17 @@ fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec
                 ));
             }
         }
-        return Touch { u_mm, face_u95_mm: K95 * u_mm, sides_u95_mm: K95 * u_mm };
+        return Touch {
+            u_mm,
+            face_u95_mm: K95 * u_mm,
+            sides_u95_mm: K95 * u_mm,
+            digit_u95_mm: 0.0,
+        };
     }
     let least_mm = rounding_mm(&touches.readings_mm());
+    // Half a digit of scatter makes roundings as good as independent.
+    let scatters = face.is_some_and(|s| s.sd_mm > 3f64.sqrt() * least_mm);
+    let digit_u95_mm = if scatters { 0.0 } else { K95 * least_mm };
     let known = |s: Scatter| {
         let few_mm = if s.dof < FEW { LEAST_OF_FEW_MM } else { 0.0 };
         Scatter { sd_mm: s.sd_mm.max(least_mm).max(few_mm), ..s }
@@ -261,11 +271,19 @@ fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec
     // Sides may be rougher than the face; that they look smoother is not believed.
     let tell = |s: &Scatter| s.dof >= FEW || scatters_more(s.sd_mm, s.dof, u_mm);
     let own_mm = sides.filter(tell).map_or(0.0, Scatter::u95_mm);
-    Touch { u_mm, face_u95_mm, sides_u95_mm: face_u95_mm.max(own_mm) }
+    Touch { u_mm, face_u95_mm, sides_u95_mm: face_u95_mm.max(own_mm), digit_u95_mm }
+}
+
+/// Touches that read the same, where there are several.
+fn alike(readings_mm: impl Iterator<Item = f64>) -> Vec<Vec<usize>> {
+    let mut readings: Vec<(usize, f64)> = readings_mm.enumerate().collect();
+    readings.sort_by(|a, b| a.1.total_cmp(&b.1));
+    let groups = readings.chunk_by(|a, b| a.1 == b.1).filter(|group| group.len() > 1);
+    groups.map(|group| group.iter().map(|(i, _)| *i).collect()).collect()
 }
 
 /// Half-widths of the 95 % intervals of the values that [`solve`] finds: each touch is uncertain along its own direction, and as effects are
-/// small, differences tell the derivatives.
+/// small, differences tell the derivatives. What rounding the touches have in common comes beside.
 fn u95(touches: &Touches, options: &Options, best: [f64; 5], touch: &Touch) -> Result<[f64; 5]> {
     const STEP_MM: f64 = 1e-3;
     let mut squared = [0.0; 5];
@@ -283,11 +301,21 @@ fn u95(touches: &Touches, options: &Options, best: [f64; 5], touch: &Touch) -> R
         moved.face[i].z += STEP_MM;
         add(&moved, touch.face_u95_mm)?;
     }
+    for group in alike(touches.face.iter().map(|p| p.z)) {
+        let mut moved = touches.clone();
+        group.iter().for_each(|&i| moved.face[i].z += STEP_MM);
+        add(&moved, touch.digit_u95_mm)?;
+    }
     for axis in 0..2 {
         for i in 0..touches.sides[axis].len() {
             let mut moved = touches.clone();
             moved.sides[axis][i][axis] += STEP_MM;
             add(&moved, touch.sides_u95_mm)?;
+        }
+        for group in alike(touches.sides[axis].iter().map(|p| p[axis])) {
+            let mut moved = touches.clone();
+            group.iter().for_each(|&i| moved.sides[axis][i][axis] += STEP_MM);
+            add(&moved, touch.digit_u95_mm)?;
         }
     }
     Ok(squared.map(f64::sqrt))
