@@ -187,3 +187,29 @@ fn a_length_is_named_beside_a_wave_over_b() {
         assert!(report["unnamed"][0]["shape"].as_str().unwrap().starts_with("wave"), "{words}");
     }
 }
+
+/// A scale that grows towards one end of its axis is that axis' scale, and no bump over C.
+#[test]
+fn a_curved_scale_keeps_its_name() {
+    let mut normal = normal();
+    for again in 0..3 {
+        let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+        for k in 0..156 {
+            let (b, c) = (30.0 * f64::from(k % 7) - 90.0, f64::from(k * 5 % 22) * 16.0);
+            let (sin, cos) = c.to_radians().sin_cos();
+            let y = 160.0 * sin - 15.0 * cos;
+            let mut noise = || 0.002 * normal();
+            let dy = 8e-5 * (y + 0.25 * y * y / 160.0) + noise();
+            writeln!(csv, "{b},{c},{:.6},{dy:.6},{:.6}", noise(), noise()).unwrap();
+        }
+        let machine = format!("{BAR}[target]\nposition_mm = [160.0, -15.0, 40.0]\n");
+        let report = answer("rtcp", &machine, &csv);
+        let named = report["effects"].as_array().unwrap();
+        assert!(
+            report["verdict"] == "named" && named.len() == 1 && named[0]["name"] == "scale-y",
+            "{again}: {} {}",
+            report["effects"],
+            report["unnamed"]
+        );
+    }
+}

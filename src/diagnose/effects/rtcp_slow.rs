@@ -176,5 +176,15 @@ pub fn linear_effects(l: &mut L, data: &Rtcp) {
                 });
             }
         }
+        if output == input {
+            // A screw's pitch or a warm bed: the scale grows towards one end.
+            let parameters = ["um_per_m", "um_per_m2"].map(|name| Parameter::linear(name, 20.0));
+            l.form(parameters.into(), move |data, p, errors| {
+                for (e, place) in errors.iter_mut().zip(&data.commanded) {
+                    let metres = 1e-3 * place[output];
+                    e.shift[output] += 1e-3 * (p[0] + p[1] * metres) * metres;
+                }
+            });
+        }
     }
 }
