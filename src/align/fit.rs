@@ -274,16 +274,18 @@ fn touch(touches: &Touches, options: &Options, left_mm2: f64, warnings: &mut Vec
     Touch { u_mm, face_u95_mm, sides_u95_mm: face_u95_mm.max(own_mm), digit_u95_mm }
 }
 
-/// Touches that read the same, where there are several.
-fn alike(readings_mm: impl Iterator<Item = f64>) -> Vec<Vec<usize>> {
-    let mut readings: Vec<(usize, f64)> = readings_mm.enumerate().collect();
-    readings.sort_by(|a, b| a.1.total_cmp(&b.1));
-    let groups = readings.chunk_by(|a, b| a.1 == b.1).filter(|group| group.len() > 1);
-    groups.map(|group| group.iter().map(|(i, _)| *i).collect()).collect()
+/// Touches that err together, and the half-width of that: each by itself, and those that read the same by their digit.
+fn together(readings_mm: &[f64], own_u95_mm: f64, digit_u95_mm: f64) -> Vec<(Vec<usize>, f64)> {
+    let mut order: Vec<usize> = (0..readings_mm.len()).collect();
+    let own = order.iter().map(|&i| (vec![i], own_u95_mm)).collect::<Vec<_>>();
+    order.sort_by(|&i, &k| readings_mm[i].total_cmp(&readings_mm[k]));
+    let alike = order.chunk_by(|&i, &k| readings_mm[i] == readings_mm[k]);
+    let alike = alike.filter(|group| group.len() > 1 && digit_u95_mm > 0.0);
+    own.into_iter().chain(alike.map(|group| (group.to_vec(), digit_u95_mm))).collect()
 }
 
 /// Half-widths of the 95 % intervals of the values that [`solve`] finds: each touch is uncertain along its own direction, and as effects are
-/// small, differences tell the derivatives. What rounding the touches have in common comes beside.
+/// small, differences tell the derivatives.
 fn u95(touches: &Touches, options: &Options, best: [f64; 5], touch: &Touch) -> Result<[f64; 5]> {
     const STEP_MM: f64 = 1e-3;
     let mut squared = [0.0; 5];
@@ -296,26 +298,18 @@ fn u95(touches: &Touches, options: &Options, best: [f64; 5], touch: &Touch) -> R
             .for_each(|((v, o), b)| *v += ((o - b) / STEP_MM * u95_mm).powi(2));
         Ok(())
     };
-    for i in 0..touches.face.len() {
-        let mut moved = touches.clone();
-        moved.face[i].z += STEP_MM;
-        add(&moved, touch.face_u95_mm)?;
-    }
-    for group in alike(touches.face.iter().map(|p| p.z)) {
+    let read: Vec<f64> = touches.face.iter().map(|p| p.z).collect();
+    for (group, u95_mm) in together(&read, touch.face_u95_mm, touch.digit_u95_mm) {
         let mut moved = touches.clone();
         group.iter().for_each(|&i| moved.face[i].z += STEP_MM);
-        add(&moved, touch.digit_u95_mm)?;
+        add(&moved, u95_mm)?;
     }
     for axis in 0..2 {
-        for i in 0..touches.sides[axis].len() {
-            let mut moved = touches.clone();
-            moved.sides[axis][i][axis] += STEP_MM;
-            add(&moved, touch.sides_u95_mm)?;
-        }
-        for group in alike(touches.sides[axis].iter().map(|p| p[axis])) {
+        let read: Vec<f64> = touches.sides[axis].iter().map(|p| p[axis]).collect();
+        for (group, u95_mm) in together(&read, touch.sides_u95_mm, touch.digit_u95_mm) {
             let mut moved = touches.clone();
             group.iter().for_each(|&i| moved.sides[axis][i][axis] += STEP_MM);
-            add(&moved, touch.digit_u95_mm)?;
+            add(&moved, u95_mm)?;
         }
     }
     Ok(squared.map(f64::sqrt))

@@ -53,15 +53,16 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
     };
     let visible = sight.visible();
     let scale = problem.scale;
-    let value_of = |&i: &usize| {
+    let own_u95 = |i: usize| {
         let mut c = [0.0; 6];
         c[i] = scale[i];
-        Value {
-            name: ERRORS[i].0.to_owned(),
-            value: to_unit(i, errors[i]),
-            unit: ERRORS[i].1.to_owned(),
-            u95: to_unit(i, u95_of(&c)),
-        }
+        u95_of(&c)
+    };
+    let value_of = |&i: &usize| Value {
+        name: ERRORS[i].0.to_owned(),
+        value: to_unit(i, errors[i]),
+        unit: ERRORS[i].1.to_owned(),
+        u95: to_unit(i, own_u95(i)),
     };
     let hidden: Vec<usize> = (0..6).filter(|i| !visible.contains(i)).collect();
     let combination = |c: [f64; 6]| Combination {
@@ -81,7 +82,7 @@ pub fn decouple(data: &Data, options: &Options) -> Result<Report> {
         .cloned()
         .chain(warnings(options, rms, dof))
         .chain(reversal(data))
-        .chain(problem.one_way(&solved.covariance, &u95_of)?)
+        .chain(problem.one_way(&solved.covariance, &own_u95)?)
         .chain(beside_x(data, &visible))
         .collect();
     let swarm_value =
@@ -153,7 +154,7 @@ impl Problem<'_> {
     fn one_way(
         &self,
         covariance: &DMatrix<f64>,
-        u95_of: &impl Fn(&[f64; 6]) -> f64,
+        own_u95: &impl Fn(usize) -> f64,
     ) -> Result<Option<String>> {
         const ONE_UM: f64 = 1e-3;
         if !self.data.goes_one_way() {
@@ -166,11 +167,7 @@ impl Problem<'_> {
             let errors = self.errors(z.as_slice());
             self.sight.visible().into_iter().map(move |i| (i, errors[i].abs()))
         });
-        let beyond = |&(i, moved): &(usize, f64)| {
-            let mut alone = [0.0; 6];
-            alone[i] = self.scale[i];
-            moved / u95_of(&alone)
-        };
+        let beyond = |&(i, moved): &(usize, f64)| moved / own_u95(i);
         let worst = moved.max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
         Ok(worst.map(|(i, moved)| {
             let (name, unit) = ERRORS[i];

@@ -18,4 +18,4 @@ pub mod swarm;
 pub use data::Data;
 pub use model::{ERRORS, Errors};
 pub use path::{Kind, Path, Range, Setup};
-pub use report::{Combination, Report, Term, Value};
+pub use report::{Combination, Report, Term, Value, sum};

@@ -26,6 +26,12 @@ pub struct Term {
     pub value: f64,
 }
 
+/// `+6.9813 A0B -13.9626 A0Z`.
+pub fn sum(terms: &[Term]) -> String {
+    let parts: Vec<String> = terms.iter().map(|t| format!("{:+.4} {}", t.value, t.name)).collect();
+    parts.join(" ")
+}
+
 /// A sum of errors that is visible though its parts are not.
 #[derive(Debug, Clone, Serialize, Deserialize, schemars::JsonSchema)]
 pub struct Combination {
@@ -80,11 +86,6 @@ pub struct Report {
 impl Report {
     /// Lines for people.
     pub fn text(&self) -> String {
-        let sum = |terms: &[Term]| {
-            let parts: Vec<String> =
-                terms.iter().map(|t| format!("{:+.4} {}", t.value, t.name)).collect();
-            parts.join(" ")
-        };
         let mut out = format!(
             "{} points on {}: rank {} of 6\nsingular values (mm for mm): {}\n",
             self.points,

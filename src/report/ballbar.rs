@@ -4,17 +4,11 @@ use serde_json::Value;
 
 use super::lists::List;
 use super::numbers::Characteristic;
-use crate::ballbar::{ERRORS, Report, Term};
+use crate::ballbar::{Report, sum};
 
 /// The result; none where it is not one.
 fn report(result: &Value) -> Option<Report> {
     serde_json::from_value(result.clone()).ok()
-}
-
-/// `+6.98 A0B -13.96 A0Z`.
-fn sum(terms: &[Term]) -> String {
-    let parts: Vec<String> = terms.iter().map(|t| format!("{:+.4} {}", t.value, t.name)).collect();
-    parts.join(" ")
 }
 
 /// The errors and sums with numbers, and what they leave of the lengths.
@@ -22,8 +16,8 @@ pub fn characteristics(result: &Value) -> Vec<Characteristic> {
     let Some(found) = report(result) else { return Vec::new() };
     let unit = |name: &str| if name == "deg" { "deg" } else { "mm" };
     let errors = found.visible.iter().map(|v| {
-        let what = ERRORS.iter().find(|e| e.0 == v.name).map_or("", |e| what(e.0));
-        Characteristic::new(format!("{}, {what}", v.name), unit(&v.unit), v.value, Some(v.u95))
+        let name = format!("{}, {}", v.name, what(&v.name));
+        Characteristic::new(name, unit(&v.unit), v.value, Some(v.u95))
     });
     let sums = found
         .combinations
