@@ -213,6 +213,50 @@ fn run_out_is_seen_whichever_way_the_table_turns() {
     }
 }
 
+/// An error motion is a function of its own axis' angle, whichever way the table turns: of one model a sweep and a rod's captures say
+/// the same.
+#[test]
+fn a_c_axis_motion_goes_by_c_as_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("poses.csv"), "b_deg,c_deg\n0,45\n").unwrap();
+    let mut points = String::from("capture,x_mm,y_mm,c_deg,u_px,v_px\n");
+    for i in 0..12 {
+        let (s, c) = (f64::from(i) * std::f64::consts::TAU / 12.0).sin_cos();
+        writeln!(points, "1,300,-200,45,{},{}", 800.0 + 400.0 * c, 800.0 - 400.0 * s).unwrap();
+    }
+    std::fs::write(folder.join("points.csv"), points).unwrap();
+    std::fs::write(folder.join("calib.toml"), "schema = 1\n[scale]\nmm_per_px = 0.005\n").unwrap();
+    let first = |arguments: &[&str], column: &str| {
+        let command = [&["simulate"], arguments, &["--model", "machine.toml", "--format", "csv"]];
+        let output = run(&command.concat(), folder);
+        let text = String::from_utf8(output.stdout).unwrap();
+        let mut rows = text.lines().map(|line| line.split(',').collect::<Vec<_>>());
+        let at = rows.next().unwrap().iter().position(|name| *name == column).unwrap();
+        rows.next().unwrap()[at].parse::<f64>().unwrap()
+    };
+    for sense in [1, -1] {
+        for parameters in
+            ["x_cos_mm = 0.0, x_sin_mm = 0.01", "turn_cos_mm = 0.0, turn_sin_mm = -0.01"]
+        {
+            let seen = |mm: f64| {
+                let parameters = parameters.replace("0.01", &mm.to_string());
+                let model = format!(
+                    "schema = 1\nc_sense = {sense}\n[head]\nr_mm = 200.0\n[table]\nxc_mm = 300.0\nyc_mm = -200.0\n[target]\nposition_mm = [60.0, 0.0, 20.0]\n[[effects]]\nname = \"c-radial-2x\"\nparameters = {{ {parameters} }}\n"
+                );
+                std::fs::write(folder.join("machine.toml"), model).unwrap();
+                let sweep = first(&["rtcp", "--data", "poses.csv"], "dx_mm");
+                let rod = ["rod", "--data", "points.csv", "--calib", "calib.toml"];
+                [sweep, first(&rod, "u_px")]
+            };
+            let (with, without) = (seen(0.01), seen(0.0));
+            // At C = 45 the axis stands 0.01 mm to the right: the target too, and the rod's edge, two pixels.
+            assert!((with[0] - without[0] + 0.01).abs() < 1e-6, "{sense}: {with:?} {without:?}");
+            assert!((with[1] - without[1] - 2.0).abs() < 1e-3, "{sense}: {with:?} {without:?}");
+        }
+    }
+}
+
 /// What `diagnose rod` says of a rod far from the machine's zero whose Y stretches by so much and whose pixels are larger than the
 /// calibration has them: the first name, its size and its interval, um/m.
 fn rod_told(y_um_per_m: f64, pixel_um_per_m: f64) -> (String, f64, f64) {

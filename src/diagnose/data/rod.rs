@@ -73,6 +73,11 @@ impl Rod {
         need(&present, names)
     }
 
+    /// C of each capture as it is read: error motions of the axis are functions of its own angle.
+    pub fn c_read_rad(&self) -> impl Iterator<Item = f64> + '_ {
+        self.c_rad.iter().map(|c| self.c_sense * c)
+    }
+
     /// Travel of one machine axis over the captures.
     pub fn travel_mm(&self, axis: usize) -> f64 {
         let values: Vec<f64> = self.place.iter().map(|p| p[axis]).collect();
@@ -345,7 +350,7 @@ impl Experiment for RodExperiment {
             capture.extend("temp_c", &mut data.temp_c);
         }
         extend_times_soon(&mut data.t_s, plan.len());
-        let c_deg: Vec<f64> = data.c_rad.iter().map(|c| data.c_sense * c.to_degrees()).collect();
+        let c_deg: Vec<f64> = data.c_read_rad().map(f64::to_degrees).collect();
         let mut layout = layout(&data, values, &c_deg);
         // Planned captures may see more of the rim; their noise is the run's all the same.
         layout.random.truncate(self.layout.random.len());

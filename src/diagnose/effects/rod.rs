@@ -229,8 +229,8 @@ fn c_axis(l: &mut L, data: &Rod) {
     };
     let twice = |c: f64, p: &[f64]| p[0] * (2.0 * c).cos() + p[1] * (2.0 * c).sin();
     l.form(linear(&names.concat()), move |data, p, errors| {
-        for (e, c) in errors.iter_mut().zip(&data.c_rad) {
-            e.centre += Vector2::new(twice(*c, &p[..2]), twice(*c, &p[2..]));
+        for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
+            e.centre += Vector2::new(twice(c, &p[..2]), twice(c, &p[2..]));
         }
     });
     for sense in [1.0, -1.0] {
@@ -240,7 +240,7 @@ fn c_axis(l: &mut L, data: &Rod) {
             ["back_cos_mm", "back_sin_mm"]
         };
         l.form(linear(&names), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
+            for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
                 let (s, c) = (2.0 * c).sin_cos();
                 let s = s * sense;
                 e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
@@ -249,8 +249,8 @@ fn c_axis(l: &mut L, data: &Rod) {
     }
     for (axis, names) in names.into_iter().enumerate() {
         l.form(linear(&names), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_rad) {
-                e.centre[axis] += twice(*c, p);
+            for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
+                e.centre[axis] += twice(c, p);
             }
         });
     }

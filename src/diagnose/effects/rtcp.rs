@@ -358,7 +358,7 @@ fn c_motion(l: &mut L, turns: Option<Untestable>) {
     });
 }
 
-/// The C axis' sideways motions of these orders: in both directions, turning with C or against it, and along one axis alone.
+/// The C axis' sideways motions of these orders: in both directions, turning with C as it is read or against it, and along one axis alone.
 fn radial(l: &mut L, orders: &'static [u32]) {
     // The usual order goes without saying.
     let named = |of: &str| -> Vec<Parameter> {
