@@ -213,6 +213,33 @@ fn run_out_is_seen_whichever_way_the_table_turns() {
     }
 }
 
+/// A pitch error of many harmonics fits a zero of B that is off, too: where one harmonic and the zero explain as much, they are named.
+#[test]
+fn many_harmonics_do_not_hide_a_second_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    let mut plan = String::from("b_deg,c_deg\n");
+    for b in (-90..=90).step_by(15) {
+        for c in [0, 47, 95, 160, 214, 265, 310, 345] {
+            writeln!(plan, "{b},{c}").unwrap();
+        }
+    }
+    std::fs::write(folder.join("plan.csv"), plan).unwrap();
+    let machine = "schema = 1\n[head]\nr_mm = 180.0\n[target]\nposition_mm = [70.0, 40.0, 90.0]\n";
+    std::fs::write(folder.join("machine.toml"), machine).unwrap();
+    let effects = "[[effects]]\nname = \"b-zero\"\nparameters = { angle_deg = 0.0012 }\n[[effects]]\nname = \"b-pitch-error\"\nparameters = { cos3_deg = 0.001, sin3_deg = 0.0015 }\n";
+    std::fs::write(folder.join("truth.toml"), [machine, effects].concat()).unwrap();
+    let simulate = ["simulate", "rtcp", "--model", "truth.toml", "--data", "plan.csv"];
+    let noise = ["--noise-mm", "0.001", "--format", "csv", "--out", "data.csv"];
+    assert!(run(&[&simulate[..], &noise].concat(), folder).status.success());
+    let report = diagnose("rtcp", folder);
+    let effects = report["effects"].as_array().unwrap();
+    let names: Vec<_> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
+    assert_eq!(names, ["b-pitch-error", "b-zero"]);
+    let off = effects[1]["parameters"]["angle_deg"].as_f64().unwrap() - 0.0012;
+    assert!(off.abs() < 1.5 * effects[1]["parameters_u95"]["angle_deg"].as_f64().unwrap());
+}
+
 /// An error motion is a function of its own axis' angle, whichever way the table turns: of one model a sweep and a rod's captures say
 /// the same.
 #[test]

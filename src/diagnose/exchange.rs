@@ -122,12 +122,14 @@ impl Selection {
             };
             for (s, pair) in best_pairs(fitter, f, &standing, &self.library, &free, &is_it) {
                 // That a single name stays, beside a second one, is for the next addition to say; but a curved form of it may have
-                // been taken for two, where names do not show in several outputs at once.
+                // been taken for two, where names do not show in several outputs at once, and a form of many coefficients hides
+                // a second name wherever fewer explain as much.
                 let one = match gone {
                     [Part::Effect(i)] => Some(&f.model.active[*i]),
                     _ => None,
                 };
-                let any_form = shows_in_several(fitter);
+                let fewer = score.as_ref().is_some_and(|own| s.rank < own.rank);
+                let any_form = shows_in_several(fitter) && !fewer;
                 let stays = |who: &Who| match (who, one) {
                     (Who::Effect(a), Some(one)) => {
                         a.effect == one.effect && (any_form || a.form == one.form)

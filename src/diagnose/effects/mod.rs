@@ -10,6 +10,7 @@ mod rod_slow;
 pub mod rtcp;
 pub mod rtcp_pose;
 mod rtcp_slow;
+mod rtcp_table;
 pub mod thermal;
 pub mod thermal_columns;
 pub mod thermal_sensors;
