@@ -7,6 +7,7 @@ use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
 use crate::diagnose::effects::ballbar_ways::{since_turn_deg, slope_mm, speeds_rad_s, z_ways};
 use crate::diagnose::effects::cycles::{CYCLE_WAVES, PURE_WAVE, cycle, cycle_mm, levels, pitches};
+use crate::diagnose::effects::harmonics::{fourier, harmonics};
 use crate::diagnose::effects::{Library, Words, lagged, risen, words};
 use crate::diagnose::experiment::{Parameter, Untestable};
 use crate::fit::robust::range;
@@ -205,12 +206,11 @@ fn pitch(l: &mut L, data: &Columns) {
         },
         data.needs(&["b_deg"]),
     );
-    for order in 1..=4u32 {
-        let k = f64::from(order);
-        let names = [format!("cos{order}_deg"), format!("sin{order}_deg")];
-        term(l, names.map(|n| Parameter::linear(n, 0.01)).to_vec(), move |data, p, row| {
-            let b = k * data.get("b_deg")[row].to_radians();
-            swung(data, row, (p[0] * b.cos() + p[1] * b.sin()).to_radians())
+    // One at a time: in the only output two would take much else for themselves.
+    for order in [[1], [2], [3], [4]] {
+        term(l, harmonics(&order, "deg", 0.01), move |data, p, row| {
+            let b = data.get("b_deg")[row].to_radians();
+            swung(data, row, fourier(&order, p, b).to_radians())
         });
     }
 }

@@ -4,6 +4,7 @@ pub mod ballbar;
 mod ballbar_ways;
 pub mod burn;
 mod cycles;
+mod harmonics;
 pub mod rod;
 mod rod_camera;
 mod rod_slow;

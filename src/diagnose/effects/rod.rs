@@ -10,6 +10,7 @@ use crate::diagnose::data::rod::Rod;
 use crate::diagnose::effects::cycles::{
     CYCLE_WAVES, PURE_WAVE, cycle, cycle_mm, levels, tells_cycle,
 };
+use crate::diagnose::effects::harmonics::fourier;
 use crate::diagnose::effects::{Library, Words, rod_camera, rod_slow, words};
 use crate::diagnose::experiment::Parameter;
 
@@ -227,7 +228,7 @@ fn c_axis(l: &mut L, data: &Rod) {
     let linear = |names: &[&'static str]| {
         names.iter().map(|n| Parameter::linear(*n, SIZE)).collect::<Vec<_>>()
     };
-    let twice = |c: f64, p: &[f64]| p[0] * (2.0 * c).cos() + p[1] * (2.0 * c).sin();
+    let twice = |c: f64, p: &[f64]| fourier(&[2], p, c);
     l.form(linear(&names.concat()), move |data, p, errors| {
         for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
             e.centre += Vector2::new(twice(c, &p[..2]), twice(c, &p[2..]));

@@ -5,6 +5,7 @@
 //! the part of them that was present when the machine's datum was taken at B = 0 (`datum = 1`).
 
 use crate::diagnose::data::rtcp::Rtcp;
+use crate::diagnose::effects::harmonics::{PITCH_ORDERS, fourier, harmonics};
 use crate::diagnose::effects::rtcp_pose::{HeadError, PoseError};
 use crate::diagnose::effects::{Library, Words, rtcp_slow, rtcp_table, words};
 use crate::diagnose::experiment::Parameter;
@@ -37,36 +38,6 @@ fn head(l: &mut L, parameter: Parameter, datum_first: bool, set: fn(&mut HeadErr
     };
     add(datum_first);
     add(!datum_first);
-}
-
-/// Harmonics of an angle's pitch error that come together: any two, as the form of all four would take another effect for the rest
-/// of the error.
-pub(super) const PITCH_ORDERS: [&[u32]; 11] =
-    [&[1], &[2], &[3], &[4], &[1, 2], &[1, 3], &[1, 4], &[2, 3], &[2, 4], &[3, 4], &[1, 2, 3, 4]];
-
-/// Fourier parameters of the given harmonics.
-pub(super) fn harmonics(orders: &[u32], unit: &str, typical: f64) -> Vec<Parameter> {
-    orders
-        .iter()
-        .flat_map(|k| {
-            [
-                Parameter::linear(format!("cos{k}_{unit}"), typical),
-                Parameter::linear(format!("sin{k}_{unit}"), typical),
-            ]
-        })
-        .collect()
-}
-
-/// Σ a cos kx + b sin kx.
-pub(super) fn fourier(orders: &[u32], p: &[f64], angle_rad: f64) -> f64 {
-    orders
-        .iter()
-        .zip(p.chunks_exact(2))
-        .map(|(k, ab)| {
-            let (s, c) = (f64::from(*k) * angle_rad).sin_cos();
-            ab[0] * c + ab[1] * s
-        })
-        .sum()
 }
 
 /// The library, with what `data` cannot test marked.

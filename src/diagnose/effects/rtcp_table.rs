@@ -3,7 +3,8 @@
 use nalgebra::Vector3;
 
 use crate::diagnose::data::rtcp::Rtcp;
-use crate::diagnose::effects::rtcp::{L, PITCH_ORDERS, angle, fourier, harmonics, length};
+use crate::diagnose::effects::harmonics::{PITCH_ORDERS, fourier, harmonics};
+use crate::diagnose::effects::rtcp::{L, angle, length};
 use crate::diagnose::effects::rtcp_pose::{PoseError, Tilt};
 use crate::diagnose::effects::{Words, words};
 use crate::diagnose::experiment::{Parameter, Untestable};
