@@ -153,6 +153,13 @@ fn a_report_is_one_page_that_needs_nothing_else() {
         assert!(!page.contains(outside), "{outside}");
     }
     assert_eq!(page.find("verdict").map(|v| v < page.find("<table").unwrap_or(0)), Some(true));
+    // Of what nothing was measured for, the page says no other.
+    let machine = "schema = 1\n[head]\nr_mm = 180.0\n";
+    std::fs::write(dir.join("machine.toml"), machine).unwrap();
+    ok(dir, &["machine", "machine.toml", "--format", "json", "--out", "machine.json"]);
+    ok(dir, &["report", "machine.json"]);
+    let page = std::fs::read_to_string(dir.join("machine.html")).unwrap();
+    assert!(page.contains("<b>COMPUTED</b>") && !page.contains("MEASURED"), "{page}");
     refused(dir, &["report", "session.toml"], "is not a JSON result");
     std::fs::write(dir.join("other.json"), "{\"a\": 1}").unwrap();
     refused(dir, &["report", "other.json"], "not a result of pivotsight");

@@ -7,7 +7,8 @@ use crate::batch::limits::number;
 use crate::measure::offset::Correction;
 use crate::uncertainty::text;
 
-/// The verdict's word (`pass`, `fail`, `undecided`, or `measured` where no limit applies) and a sentence.
+/// The verdict's word (`pass`, `fail`, `undecided`, `measured` where no limit applies, or `computed` where nothing was measured) and a
+/// sentence.
 pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
     let empty = Map::new();
     let map = result.as_object().unwrap_or(&empty);
@@ -47,6 +48,9 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
             get("tolerance_mm")
         );
         return (class(stated), of);
+    }
+    if command == "machine" {
+        return ("computed", "The file describes a machine to compute with.".into());
     }
     let sentence = match (command, stated) {
         ("solve", "pass") => "Every limit of the method that was checked is kept.".into(),
@@ -168,6 +172,7 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
         }
         ("align", "" | "pass") => vec!["Move the program onto the blank: pivotsight align apply --align FILE --machine MACHINE.toml IN OUT, with this result as FILE.".into()],
         ("rotary", "" | "fail" | "undecided") => vec!["Enter the new table (comp new) and run the sweep again: what is left must lie within its predicted U. A deviation that has grown twofold says that the readings' sign is turned round.".into()],
+        ("machine", _) => vec!["Plan a sweep that shows whether the machine is so: pivotsight verify --machine FILE --plan DIR --control NAME.".into()],
         ("ballbar-decouple", _) => ballbar::next(result),
         ("thermal-fit", _) => thermal::next(),
         ("center", stated) if stated != "pass" => {

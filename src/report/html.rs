@@ -12,7 +12,7 @@ body { font: 11pt/1.4 system-ui, sans-serif; max-width: 180mm; margin: 10mm auto
 h1 { font-size: 18pt; margin: 0 } h2 { font-size: 13pt; margin: 8mm 0 2mm; break-after: avoid }
 header p { color: #555; margin: 1mm 0 4mm }
 .verdict { font-size: 13pt; padding: 3mm 4mm; border-left: 3mm solid; background: #f4f4f4; print-color-adjust: exact }
-.pass { border-color: #009e73 } .fail { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured { border-color: #0072b2 }
+.pass { border-color: #009e73 } .fail { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured, .computed { border-color: #0072b2 }
 table { border-collapse: collapse; width: 100%; font-size: 9.5pt; font-variant-numeric: tabular-nums }
 th, td { text-align: right; padding: 1mm 2mm; border-bottom: 0.2mm solid #ccc; overflow-wrap: break-word }
 td:first-child { overflow-wrap: anywhere; min-width: 22mm } .wide { font-size: 7.5pt } .wide th, .wide td { padding: 0.7mm 1mm }

@@ -144,6 +144,8 @@ fn short(unit: &str, places: usize, value: Option<&Value>) -> String {
                 _ => format!("{x:.4}"),
             }
         }
+        // Limits that there are none of.
+        Some(Value::Array(list)) if list.iter().all(Value::is_null) => String::new(),
         Some(Value::Array(list)) => {
             list.iter().map(|v| short(unit, places, Some(v))).collect::<Vec<_>>().join(", ")
         }
