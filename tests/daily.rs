@@ -153,9 +153,8 @@ fn a_report_is_one_page_that_needs_nothing_else() {
         assert!(!page.contains(outside), "{outside}");
     }
     assert_eq!(page.find("verdict").map(|v| v < page.find("<table").unwrap_or(0)), Some(true));
-    // Of what nothing was measured for, the page says no other.
-    let machine = "schema = 1\n[head]\nr_mm = 180.0\n";
-    std::fs::write(dir.join("machine.toml"), machine).unwrap();
+    // A machine file is no measurement, and its page does not call it one.
+    std::fs::write(dir.join("machine.toml"), "schema = 1\n[head]\nr_mm = 180.0\n").unwrap();
     ok(dir, &["machine", "machine.toml", "--format", "json", "--out", "machine.json"]);
     ok(dir, &["report", "machine.json"]);
     let page = std::fs::read_to_string(dir.join("machine.html")).unwrap();

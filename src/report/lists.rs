@@ -144,7 +144,7 @@ fn short(unit: &str, places: usize, value: Option<&Value>) -> String {
                 _ => format!("{x:.4}"),
             }
         }
-        // Limits that there are none of.
+        // An axis without limits has two that are null.
         Some(Value::Array(list)) if list.iter().all(Value::is_null) => String::new(),
         Some(Value::Array(list)) => {
             list.iter().map(|v| short(unit, places, Some(v))).collect::<Vec<_>>().join(", ")
