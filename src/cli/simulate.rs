@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use crate::cli::{Global, Outcome, result};
 use crate::diagnose::load::Source;
-use crate::diagnose::simulate::{Cell, Options, Simulated, simulate};
+use crate::diagnose::simulate::{Options, Simulated, simulate};
 use crate::error::Result;
 use crate::machine::DataKind;
 use crate::output::{Document, Format, csv_text};
@@ -73,28 +73,24 @@ pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
         seed: args.seed,
     })?;
     made.warnings.iter().for_each(|w| global.say(format_args!("warning: {w}")));
-    let as_text = global.format == Format::Csv;
-    let output = Output { kind: made.kind.clone(), rows: rows(&made, as_text) };
+    let output =
+        Output { kind: made.kind.clone(), rows: rows(&made, global.format == Format::Csv) };
     let input = json!({"model": args.model, "data": args.data});
     let json = result("simulate", input, &made.warnings, &output);
     let objects = output.rows.into_iter().map(Value::Object).collect();
-    // People and programs get the same table, of a sweep with the very decimals.
-    let whole = rows(&made, as_text || args.kind == DataKind::Rtcp).into_iter().map(Value::Object);
-    let table = csv_text(&whole.collect::<Vec<_>>());
+    // People and programs get the same table, with the very decimals.
+    let table = csv_text(&rows(&made, true).into_iter().map(Value::Object).collect::<Vec<_>>());
     Ok(Outcome::good(Document { json, rows: objects, table }))
 }
 
 /// The rows under their columns' names; numbers that stand in the data as text, or as numbers.
 fn rows(made: &Simulated, as_text: bool) -> Vec<Map<String, Value>> {
-    let value = |name: &String, cell: &Cell| match cell {
-        Cell::Number(number) => (*number).into(),
-        Cell::Text(text) => {
-            let is_text = as_text || LABELS.contains(&name.as_str());
-            let number = text.parse::<f64>().ok().filter(|_| !is_text);
-            number.map_or_else(|| text.as_str().into(), Value::from)
-        }
+    let value = |name: &String, text: &String| {
+        let is_text = as_text || LABELS.contains(&name.as_str());
+        let number = text.parse::<f64>().ok().filter(|_| !is_text);
+        number.map_or_else(|| text.as_str().into(), Value::from)
     };
-    let row = |cells: &Vec<Cell>| {
+    let row = |cells: &Vec<String>| {
         made.names.iter().zip(cells).map(|(name, cell)| (name.clone(), value(name, cell))).collect()
     };
     made.rows.iter().map(row).collect()

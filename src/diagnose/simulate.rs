@@ -33,19 +33,10 @@ pub struct Simulated {
     pub kind: String,
     /// The data's columns, in their order; those predicted in their place or at the end.
     pub names: Vec<String>,
-    /// Row by row, a cell for each name.
-    pub rows: Vec<Vec<Cell>>,
+    /// Row by row, a text for each name: as it stands in the data, or predicted, with nine decimals.
+    pub rows: Vec<Vec<String>>,
     /// What of the model looks wrong.
     pub warnings: Vec<String>,
-}
-
-/// A cell of a simulated table.
-#[derive(Debug, Clone, PartialEq)]
-pub enum Cell {
-    /// As it stands in the data, or with as many decimals as it is meant to have.
-    Text(String),
-    /// Predicted.
-    Number(f64),
 }
 
 /// Predicts the measured columns of a table.
@@ -61,6 +52,11 @@ pub fn simulate(options: &Options) -> Result<Simulated> {
         DataKind::Rtcp => rtcp(options),
         _ => other(options),
     }
+}
+
+/// A predicted value, in mm or px, with more decimals than anything measures.
+fn decimals(value: f64) -> String {
+    format!("{value:.9}")
 }
 
 /// Gaussian noise in the order of the predicted values.
@@ -90,8 +86,8 @@ fn other(options: &Options) -> Result<Simulated> {
     let new = columns.iter().map(|(name, _)| (*name).to_owned());
     names.extend(new.filter(|name| !table.has(name)));
     let cell = |row: usize, name: &String| match columns.iter().rfind(|(n, _)| n == name) {
-        Some((_, values)) => Cell::Number(values[row]),
-        None => Cell::Text(table.text(row, name).to_owned()),
+        Some((_, values)) => decimals(values[row]),
+        None => table.text(row, name).to_owned(),
     };
     let rows = (0..table.rows()).map(|row| names.iter().map(|name| cell(row, name)).collect());
     let rows = rows.collect();
@@ -133,7 +129,7 @@ fn rtcp(options: &Options) -> Result<Simulated> {
     let kept = sweep.conditions();
     let rows = d.iter().enumerate().map(|(row, d)| {
         let text = kept.iter().map(|name| sweep.table.text(row, name).to_owned());
-        text.chain(d.iter().map(|v| format!("{v:.9}"))).map(Cell::Text).collect()
+        text.chain(d.iter().copied().map(decimals)).collect()
     });
     let rows = rows.collect();
     let names = kept.into_iter().chain(DEVIATION.map(str::to_owned)).collect();

@@ -10,7 +10,7 @@ use crate::diagnose::data::rod::Rod;
 use crate::diagnose::effects::cycles::{
     CYCLE_WAVES, PURE_WAVE, cycle, cycle_mm, levels, tells_cycle,
 };
-use crate::diagnose::effects::harmonics::fourier;
+use crate::diagnose::effects::harmonics::Sideways;
 use crate::diagnose::effects::{Library, Words, rod_camera, rod_slow, words};
 use crate::diagnose::experiment::Parameter;
 
@@ -224,34 +224,10 @@ fn c_axis(l: &mut L, data: &Rod) {
         },
         data.needs(&["c_deg"]),
     );
-    let names = [["x_cos_mm", "x_sin_mm"], ["y_cos_mm", "y_sin_mm"]];
-    let linear = |names: &[&'static str]| {
-        names.iter().map(|n| Parameter::linear(*n, SIZE)).collect::<Vec<_>>()
-    };
-    let twice = |c: f64, p: &[f64]| fourier(&[2], p, c);
-    l.form(linear(&names.concat()), move |data, p, errors| {
-        for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
-            e.centre += Vector2::new(twice(c, &p[..2]), twice(c, &p[2..]));
-        }
-    });
-    for sense in [1.0, -1.0] {
-        let names = if sense > 0.0 {
-            ["turn_cos_mm", "turn_sin_mm"]
-        } else {
-            ["back_cos_mm", "back_sin_mm"]
-        };
-        l.form(linear(&names), move |data, p, errors| {
+    for way in Sideways::ways(&[2]) {
+        l.form(way.parameters(SIZE), move |data, p, errors| {
             for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
-                let (s, c) = (2.0 * c).sin_cos();
-                let s = s * sense;
-                e.centre += Vector2::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c);
-            }
-        });
-    }
-    for (axis, names) in names.into_iter().enumerate() {
-        l.form(linear(&names), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(data.c_read_rad()) {
-                e.centre[axis] += twice(c, p);
+                e.centre += way.at(p, c);
             }
         });
     }

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::diagnose::data::rtcp::Rtcp;
-use crate::diagnose::effects::harmonics::{PITCH_ORDERS, fourier, harmonics};
+use crate::diagnose::effects::harmonics::{PITCH_ORDERS, Sideways, fourier, harmonics};
 use crate::diagnose::effects::rtcp::{L, angle, length};
 use crate::diagnose::effects::rtcp_pose::{PoseError, Tilt};
 use crate::diagnose::effects::{Words, words};
@@ -103,8 +103,13 @@ fn c_motion(l: &mut L, turns: Option<Untestable>) {
         ),
         turns.clone(),
     );
-    radial(l, &[2]);
-    radial(l, &[2, 3]);
+    for way in [&[2][..], &[2, 3]].into_iter().flat_map(Sideways::ways) {
+        l.form(way.parameters(0.02), move |data, p, errors| {
+            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
+                e.c_shift += way.at(p, c.to_radians()).push(0.0);
+            }
+        });
+    }
     l.effect(
         words(
             "c-axial",
@@ -136,43 +141,6 @@ fn c_motion(l: &mut L, turns: Option<Untestable>) {
             e.c_shift += Vector3::new(p[0] * c + p[1] * s, p[1] * c - p[0] * s, 0.0);
         }
     });
-}
-
-/// The C axis' sideways motions of these orders: in both directions, turning with C as it is read or against it, and along one axis alone.
-fn radial(l: &mut L, orders: &'static [u32]) {
-    // The usual order goes without saying.
-    let named = |of: &str| -> Vec<Parameter> {
-        let pair = |k: &u32| {
-            let order = if *k == 2 { String::new() } else { k.to_string() };
-            ["cos", "sin"].map(|wave| Parameter::linear(format!("{of}_{wave}{order}_mm"), 0.02))
-        };
-        orders.iter().flat_map(pair).collect()
-    };
-    let count = 2 * orders.len();
-    l.form([named("x"), named("y")].concat(), move |data, p, errors| {
-        for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-            let c = c.to_radians();
-            let (x, y) = (fourier(orders, &p[..count], c), fourier(orders, &p[count..], c));
-            e.c_shift += Vector3::new(x, y, 0.0);
-        }
-    });
-    for (sense, name) in [(1.0, "turn"), (-1.0, "back")] {
-        l.form(named(name), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-                for (k, p) in orders.iter().zip(p.chunks_exact(2)) {
-                    let (s, c) = (sense * f64::from(*k) * c.to_radians()).sin_cos();
-                    e.c_shift += Vector3::new(p[0] * c - p[1] * s, p[0] * s + p[1] * c, 0.0);
-                }
-            }
-        });
-    }
-    for (axis, name) in ["x", "y"].into_iter().enumerate() {
-        l.form(named(name), move |data, p, errors| {
-            for (e, c) in errors.iter_mut().zip(&data.c_deg) {
-                e.c_shift[axis] += fourier(orders, p, c.to_radians());
-            }
-        });
-    }
 }
 
 /// Adds a tilt of the C axis in two forms: it stays where it is at the table's surface, or at the target's height.
