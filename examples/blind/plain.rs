@@ -127,7 +127,7 @@ fn thermal_effect(name: &str, only: Option<usize>) -> Effect {
     }
 }
 
-/// B (rad), Z, direction, temperature, how far the cup lies aside
+/// B (rad), Z, direction, temperature, how far the cup lies aside, X
 fn ballbar_plan(aside_mm: &[f64], rng: &mut impl Rng) -> Vec<Row> {
     let mut rows = Vec::new();
     for (aside, way) in aside_mm.iter().flat_map(|aside| [(aside, 1.0), (aside, -1.0)]) {
@@ -135,17 +135,21 @@ fn ballbar_plan(aside_mm: &[f64], rng: &mut impl Rng) -> Vec<Row> {
             let k = if way > 0.0 { f64::from(k) } else { 149.0 - f64::from(k) };
             let b = (-60.0 * k / 149.0_f64).to_radians();
             let temp = 20.0 + 4.0 * rng.random_range(0.0..1.0);
-            rows.push(vec![b, -800.0 * (1.0 - b.cos()), -way, temp, *aside]);
+            rows.push(vec![b, -800.0 * (1.0 - b.cos()), -way, temp, *aside, 0.0]);
         }
     }
     rows
 }
 
-/// Length of the bar with the tool off by `(x, z)`, less the nominal.
+/// Length of the bar with the tool off by `(x, z)`.
+fn length_mm(r: &Row, x: f64, z: f64) -> f64 {
+    let (tx, tz) = (r[5] - 400.0 * r[0].sin(), -400.0 * r[0].cos() + r[1] + 800.0);
+    ((tx + x).powi(2) + (tz + z).powi(2) + r[4] * r[4]).sqrt()
+}
+
+/// The same less the nominal.
 fn stretch(r: &Row, x: f64, z: f64) -> [f64; 2] {
-    let (tx, tz) = (-400.0 * r[0].sin(), -400.0 * r[0].cos() + r[1] + 800.0);
-    let far = |x: f64, z: f64| (x * x + z * z + r[4] * r[4]).sqrt();
-    [far(tx + x, tz + z) - far(tx, tz), 0.0]
+    [length_mm(r, x, z) - length_mm(r, 0.0, 0.0), 0.0]
 }
 
 fn ballbar_effect(name: &str, rng: &mut impl Rng) -> Effect {
@@ -288,7 +292,7 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
     let mut csv = String::from(match kind {
         "burn" => "height_mm,power_w,b_deg,t_s,dx_mm,dy_mm\n",
         "thermal" => "t_s,axis,position_mm,screw_c,head_1_c,head_2_c,error_mm\n",
-        _ => "b_deg,z_mm,dir,temp_c,path,length_mm\n",
+        _ => "b_deg,x_mm,z_mm,dir,temp_c,path,length_mm\n",
     });
     let (dx, dz) = (0.05 * gauss(rng), 0.05 * gauss(rng));
     let of = kind.to_owned();
@@ -313,9 +317,17 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 format!("{},{name},{},{:.5},{:.5},{:.5},{error:.7}\n", r[4], r[0], r[1], r[2], r[3])
             }
             _ => {
-                let length = 400.0_f64.hypot(r[4]) + stretch(r, dx, dz)[0] + v[0] + random();
-                let (b_deg, path) = (r[0].to_degrees(), if r[4] == 0.0 { 1 } else { 2 });
-                format!("{b_deg:.6},{:.6},{},{:.3},{path},{length:.7}\n", r[1], r[2], r[3])
+                let length = length_mm(r, dx, dz) + v[0] + random();
+                let path = match (r[4] == 0.0, r[5] == 0.0) {
+                    (true, true) => "1",
+                    (true, false) => "xb",
+                    _ => "2",
+                };
+                let (b_deg, x_mm) = (r[0].to_degrees(), r[5]);
+                format!(
+                    "{b_deg:.6},{x_mm:.6},{:.6},{},{:.3},{path},{length:.7}\n",
+                    r[1], r[2], r[3]
+                )
             }
         }
     };
@@ -361,7 +373,8 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
                 _ => {
                     let aside = if capture.name("path") == Some("2") { 150.0 } else { 0.0 };
                     let b = get("b_deg", 0.0).to_radians();
-                    vec![b, -800.0 * (1.0 - b.cos()), get("dir", old[2]), old[3], aside]
+                    let z_mm = get("z_mm", -800.0 * (1.0 - b.cos()));
+                    vec![b, z_mm, get("dir", old[2]), old[3], aside, get("x_mm", 0.0)]
                 }
             };
             line(&last)

@@ -15,6 +15,9 @@ use crate::error::{Error, Result};
 use crate::machine::DataKind;
 use crate::output::Document;
 
+/// Places of captures to take next that are printed at most.
+const PLACES_SHOWN: usize = 30;
+
 /// Find where simulation and measurement part, and name what is missing
 #[derive(Debug, ClapArgs)]
 pub struct Args {
@@ -73,20 +76,25 @@ pub struct Planned {
     detectable: Vec<Detectable>,
 }
 
-/// Refuses a calibration that nothing is done with.
-pub(super) fn is_of_rod(kind: DataKind, calib: Option<&Path>) -> Result<()> {
-    match calib {
-        Some(_) if kind != DataKind::Rod => {
-            let reason = format!("{} data are not seen by a camera", kind.name());
-            Err(Error::option("--calib", reason, "leave it out, it is for rod"))
+/// Refuses what is of a rod alone where nothing is done with it.
+pub(super) fn is_of_rod(
+    kind: DataKind,
+    calib: Option<&Path>,
+    diameter_mm: Option<f64>,
+) -> Result<()> {
+    let options = [("--calib", calib.is_some()), ("--diameter-mm", diameter_mm.is_some())];
+    match options.into_iter().find(|(_, given)| *given && kind != DataKind::Rod) {
+        Some((option, _)) => {
+            let reason = format!("is not used for {} data", kind.name());
+            Err(Error::option(option, reason, "leave it out, it is for rod"))
         }
-        _ => Ok(()),
+        None => Ok(()),
     }
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    is_of_rod(args.kind, args.calib.as_deref())?;
+    is_of_rod(args.kind, args.calib.as_deref(), args.diameter_mm)?;
     let source = Source {
         kind: args.kind,
         data: args.data.clone(),
@@ -196,9 +204,15 @@ fn table(r: &Report) -> String {
     }
     if let Some(next) = &r.next_measurement {
         let _ = writeln!(t, "next      {}", next.text);
-        for row in next.places() {
+        let places = next.places();
+        let shown = if places.len() > PLACES_SHOWN + 1 { PLACES_SHOWN } else { places.len() };
+        for row in &places[..shown] {
             let cells: String = row.iter().map(|cell| format!(" {cell:>12}")).collect();
             let _ = writeln!(t, "         {cells}");
+        }
+        if shown < places.len() {
+            let more = places.len() - shown;
+            let _ = writeln!(t, "          and {more} more: --write-next FILE writes them all");
         }
     }
     t.push_str(&outliers_line(&r.outliers));

@@ -1,7 +1,7 @@
 //! Confusable effects: every library name that could stand in a named effect's place on this design.
 
 use crate::diagnose::experiment::Active;
-use crate::diagnose::fit::Fitter;
+use crate::diagnose::fit::{Fitter, Model};
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, remove, without};
 use crate::diagnose::pool::Who;
@@ -101,9 +101,17 @@ pub fn stand_ins(fitter: &Fitter, selection: &Selection) -> Vec<Vec<Rival>> {
         .collect()
 }
 
+/// Two names that could be there instead of one.
+pub struct PairInstead {
+    /// The two.
+    pub effects: [usize; 2],
+    /// All that is named with them instead.
+    pub model: Model,
+}
+
 /// Two other names that together explain a named effect as well, with no more coefficients: one name for what may be two is not the
 /// plainer answer then.
-pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<[usize; 2]> {
+pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<PairInstead> {
     let f = &selection.fitted;
     let (standing, own) = without(fitter, f, &[Part::Effect(i)]);
     let own = own.filter(|own| own.rank >= 2)?;
@@ -120,7 +128,8 @@ pub fn pair_instead(fitter: &Fitter, selection: &Selection, i: usize) -> Option<
     let two = &other.model.active[other.model.active.len() - 2..];
     let as_likely = fitter.ln_likelihood(&other) > fitter.ln_likelihood(f) - LESS_LIKELY;
     let sane = two.iter().all(|a| !absurd(fitter, a, None));
-    (as_likely && sane).then(|| [two[0].effect, two[1].effect])
+    let effects = [two[0].effect, two[1].effect];
+    (as_likely && sane).then_some(PairInstead { effects, model: other.model })
 }
 
 /// What an exact fit gains over the score of a form's columns in place of the effect `i`, nats: its lag between those of the grid, its

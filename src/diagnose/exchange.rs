@@ -18,6 +18,8 @@ const LEAST_GAIN: f64 = 1.0;
 const MORE_NOISE: f64 = 1.03;
 /// How much likelier it is beforehand that a shape without a name has another term than that a name lies in its variable and output, nats.
 const MORE_OF_A_SHAPE: f64 = 2.0;
+/// A name that takes a shape's constant explains this much of both at least.
+const CONSTANT_SHARE: f64 = 0.95;
 /// Names tried beneath a free function.
 const NAMES_UNCOVERED: usize = 3;
 /// Exchanges after each addition.
@@ -192,6 +194,33 @@ impl Selection {
             self.fitted = both;
             // The shape beside the name may be another name's.
             self.exchange(fitter);
+        }
+    }
+
+    /// Of a shape and the constant that goes with it the constant may be all there is: a name that takes it replaces both where no shape
+    /// would be added beside it.
+    pub(super) fn name_the_constant(&mut self, fitter: &Fitter) {
+        let extras = &self.fitted.model.extras;
+        let has_constant = |e: &ExtraTerm| matches!(e.kind, Extra::Generic(t) if t.shape.has_constant() && !t.shape.is_free());
+        let Some(at) = extras.iter().position(has_constant) else { return };
+        let f = &self.fitted;
+        let (standing, own) = without(fitter, f, &[Part::Extra(at)]);
+        let Some(own) = own else { return };
+        let rest = remove_all(&f.model, &[Part::Extra(at)]);
+        let free = |s: &Score| match &self.library.candidates[s.candidate].who {
+            Who::Effect(a) => !rest.active.iter().any(|b| b.effect == a.effect),
+            Who::Extra(_) => false,
+        };
+        let names = standing.scores(fitter, f, &self.library).into_iter();
+        let most = names
+            .filter(|s| s.rank <= own.rank && s.chi2 > CONSTANT_SHARE * own.chi2 && free(s))
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence));
+        let Some(name) = most else { return };
+        let who = &self.library.candidates[name.candidate].who;
+        let named = fitter.fit(add(fitter, &rest, who), Some(&f.noise));
+        let standing = Standing::new(fitter, &named, &[]);
+        if self.sure_generic(fitter, &standing, &named).is_none() {
+            self.fitted = named;
         }
     }
 

@@ -268,8 +268,13 @@ pub trait Experiment {
     fn predicted_columns(&self, predicted: &[f64]) -> Vec<(&'static str, Vec<f64>)>;
     /// The experiment with further captures after its own, their measured values unset.
     fn with_plan(&self, extra: &[PlannedCapture]) -> Box<dyn Experiment>;
-    /// Captures the machine could take next, for `next_measurement`.
-    fn proposals(&self) -> Vec<PlannedCapture>;
+    /// Captures the machine could take next, for `next_measurement`: as it stands, and such as take more, in the order in which they are
+    /// thought of.
+    fn proposals(&self) -> Vec<Vec<PlannedCapture>>;
+    /// A whole sweep in another set-up than those measured, for `next_measurement`; empty where there is none.
+    fn other_sweep(&self) -> Vec<PlannedCapture> {
+        Vec::new()
+    }
 }
 
 /// d(prediction)/d(each size of an effect), mm per unit, at a point where all of its sizes are nil; `base` is the prediction without it.
@@ -308,9 +313,9 @@ pub enum Setting {
 }
 
 impl PlannedCapture {
-    /// The same with a column set.
+    /// The same with a column set, with no more digits than people set.
     pub fn with(mut self, name: &'static str, value: f64) -> Self {
-        self.0.insert(name, Setting::Number(value));
+        self.0.insert(name, Setting::Number((value * 1e3).round() / 1e3 + 0.0));
         self
     }
 

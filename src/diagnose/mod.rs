@@ -30,6 +30,7 @@ pub mod pool;
 mod repeats;
 pub mod report;
 mod rim;
+mod rivalry;
 pub mod run;
 pub mod scan;
 pub mod score;

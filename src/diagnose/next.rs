@@ -1,15 +1,11 @@
 //! What to measure next: captures on which the confusable effects would differ most.
 
-use nalgebra::{DMatrix, DVector};
-
-use crate::diagnose::classes::{Rival, stand_ins};
+use crate::diagnose::classes::{PairInstead, stand_ins};
 use crate::diagnose::data::pace_s;
 use crate::diagnose::experiment::{Experiment, PlannedCapture};
-use crate::diagnose::fit::{Fitter, Model};
-use crate::diagnose::noise::Space;
-use crate::diagnose::parts::{Part, remove};
-use crate::diagnose::pool::Who;
+use crate::diagnose::fit::Fitter;
 use crate::diagnose::report::NextMeasurement;
+use crate::diagnose::rivalry::{Evidence, Of, Rivalry, Weighed, rivalries, weigh};
 use crate::diagnose::select::Selection;
 use crate::machine::DataKind;
 
@@ -21,12 +17,20 @@ const LEAST_BUDGET: usize = 24;
 const PARTED: f64 = 40.0;
 /// Captures that a promise stands on at least, at as many places: one may slip, and the forms here are not the only ones.
 const LEAST_CAPTURES: usize = 3;
+/// What captures of another set-up are.
+const OTHER_PATH: &str = "rows of the sweep listed, on a path of its own over the same cup (the table then needs path, x_mm and z_mm in every row)";
+/// What captures of the data's own set-up are.
+const CAPTURES: &str = "captures listed";
 /// Captures that part no pair by as much as this more than the data do are not worth taking.
 const LEAST_PARTED: f64 = 4.0;
 
 /// Captures that part each named effect from its rivals (greedy max-min of the predicted χ², or the best of all together), or, where no
 /// capture of this kind can, the measurement that would. `None` where nothing is confusable.
-pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMeasurement> {
+pub fn next_measurement(
+    fitter: &Fitter,
+    selection: &Selection,
+    pairs: &[Option<PairInstead>],
+) -> Option<NextMeasurement> {
     let f = &selection.fitted;
     let effects = fitter.experiment.effects();
     let classes = stand_ins(fitter, selection);
@@ -39,58 +43,123 @@ pub fn next_measurement(fitter: &Fitter, selection: &Selection) -> Option<NextMe
             separates.push(info.name.to_string());
         }
     };
-    for (active, class) in f.model.active.iter().zip(&classes) {
-        if class.iter().any(|r| r.effect != active.effect) {
+    for ((active, class), pair) in f.model.active.iter().zip(&classes).zip(pairs) {
+        let two = pair.iter().flat_map(|pair| pair.effects);
+        let others = class.iter().map(|rival| rival.effect).chain(two);
+        if others.clone().any(|effect| effect != active.effect) {
             add(active.effect);
-            class.iter().for_each(|rival| add(rival.effect));
+            others.for_each(&mut add);
         }
     }
     if separates.is_empty() {
         return None;
     }
+    let rivalries = rivalries(fitter, selection, &classes, pairs);
+    let list = |captures| List::of(fitter, selection, &rivalries, captures);
+    let mut best = list(Vec::new());
+    let mut take = |other: List| {
+        // What takes more must be worth it.
+        if !other.captures.is_empty()
+            && (best.captures.is_empty() || other.open.len() < best.open.len())
+        {
+            best = other;
+        }
+        best.resolves()
+    };
     let proposals = fitter.experiment.proposals();
-    let rivalries = rivalries(fitter, selection, &classes);
-    let singly = pairs(fitter, selection, &rivalries, &proposals);
+    let taken =
+        |proposals: &Vec<PlannedCapture>| best_proposals(fitter, selection, &rivalries, proposals);
+    if !proposals.iter().any(|p| take(list(taken(p)))) {
+        take(List { what: OTHER_PATH, ..list(fitter.experiment.other_sweep()) });
+    }
+    let text =
+        format!("{}; each shows best in: {}", best.text(fitter.experiment), words.join("; "));
+    let resolves = best.resolves();
+    Some(NextMeasurement { separates, captures: best.captures, resolves, text })
+}
+
+/// The best of the captures that could be taken as the data were, in the order in which the machine can take them.
+fn best_proposals(
+    fitter: &Fitter,
+    selection: &Selection,
+    rivalries: &[Rivalry],
+    proposals: &[PlannedCapture],
+) -> Vec<PlannedCapture> {
+    let singly = weigh(fitter, selection, rivalries, proposals);
     let budget = fitter.experiment.layout().group_count().max(LEAST_BUDGET);
     let picked = choose(&singly, proposals.len(), budget);
-    let captures = in_order(fitter.experiment, picked, &proposals);
-    // What the list is worth depends on its order and times, which the single captures do not know of.
-    let pairs = match captures.is_empty() {
-        true => Vec::new(),
-        false => pairs(fitter, selection, &rivalries, &captures),
-    };
-    let parted: Vec<f64> = pairs.iter().map(Pair::parted_by_all).collect();
-    let useful = pairs.iter().zip(&parted).any(|(p, s)| *s > p.own.separation() + LEAST_PARTED);
-    let captures = if useful { captures } else { Vec::new() };
-    let best = words.join("; ");
-    let resolves = !captures.is_empty() && parted.iter().all(|p| *p >= PARTED);
-    let count = captures.len();
-    let order = match fitter.experiment.kind() {
-        // A path has its own order.
-        DataKind::Ballbar => "",
-        DataKind::Thermal => ", in their order, while the screw warms up from its coldest",
-        _ if captures.iter().any(|c| c.number("temp_c") != captures[0].number("temp_c")) => {
-            ", in random order at each temperature"
+    in_order(fitter.experiment, picked, proposals)
+}
+
+/// Captures to take next, and what they leave open.
+struct List {
+    captures: Vec<PlannedCapture>,
+    /// Named effects and rivals that they are not expected to part.
+    open: Vec<Of>,
+    /// What they are, in words.
+    what: &'static str,
+}
+
+impl List {
+    /// With the captures as they stand, in their order and at their times; none where they hardly tell more than the data.
+    fn of(
+        fitter: &Fitter,
+        selection: &Selection,
+        rivalries: &[Rivalry],
+        mut captures: Vec<PlannedCapture>,
+    ) -> Self {
+        let mut open: Vec<Of> = rivalries.iter().map(|r| r.of.clone()).collect();
+        if !captures.is_empty() {
+            let pairs = weigh(fitter, selection, rivalries, &captures);
+            let parted: Vec<f64> = pairs.iter().map(Weighed::parted_by_all).collect();
+            let all = || pairs.iter().zip(&parted);
+            if all().any(|(p, s)| *s > p.own.separation() + LEAST_PARTED) {
+                open = all().filter(|(_, s)| **s < PARTED).map(|(p, _)| p.of.clone()).collect();
+            } else {
+                captures.clear();
+            }
         }
-        _ => ", in random order",
-    };
-    let comma = if order.is_empty() { "" } else { "," };
-    let text = match (count, resolves) {
-        (0, _) => format!("no capture of this kind tells them apart; {best}"),
-        (_, true) => format!("add the {count} captures listed{order}; {best}"),
-        _ => {
-            let open = pairs.iter().zip(&parted).filter(|(_, s)| **s < PARTED);
-            let mut open: Vec<String> =
-                open.map(|(p, _)| p.of.map(|e| effects[e].name.as_ref()).join(" from ")).collect();
-            open.sort();
-            open.dedup();
-            format!(
-                "the {count} captures listed{order}{comma} help, but not to tell {}; {best}",
-                open.join(", ")
-            )
+        open.sort_unstable();
+        open.dedup();
+        Self { captures, open, what: CAPTURES }
+    }
+
+    fn resolves(&self) -> bool {
+        !self.captures.is_empty() && self.open.is_empty()
+    }
+
+    /// What to do, in words.
+    fn text(&self, experiment: &dyn Experiment) -> String {
+        let Self { captures, what, .. } = self;
+        let order = match experiment.kind() {
+            // A path has its own order.
+            DataKind::Ballbar => "",
+            DataKind::Thermal => ", in their order, while the screw warms up from its coldest",
+            _ if captures.iter().any(|c| c.number("temp_c") != captures[0].number("temp_c")) => {
+                ", in random order at each temperature"
+            }
+            _ => ", in random order",
+        };
+        match captures.len() {
+            0 => "no capture of this kind tells them apart".into(),
+            count if self.open.is_empty() => {
+                format!("add the {count} {what}{order}")
+            }
+            count => {
+                let name = |effect: usize| experiment.effects()[effect].name.as_ref();
+                let rival =
+                    |of: &Of| of.1.iter().map(|e| name(*e)).collect::<Vec<_>>().join(" and ");
+                let words = |of: &Of| format!("{} from {}", name(of.0), rival(of));
+                let mut open: Vec<String> = self.open.iter().map(words).collect();
+                open.sort();
+                let comma = if order.is_empty() { "" } else { "," };
+                format!(
+                    "the {count} {what}{order}{comma} help, but not to tell {}",
+                    open.join(", ")
+                )
+            }
         }
-    };
-    Some(NextMeasurement { separates, captures, resolves, text })
+    }
 }
 
 /// The captures in an order that the machine can take them in: a path goes its way, a screw warms up once, and temperatures are not
@@ -119,138 +188,8 @@ fn in_order(
     list
 }
 
-/// What some rows say of a named effect against a rival, in units of the noise: the squares of the difference of their
-/// predictions, and what the rival's own parameters can take up of it.
-#[derive(Clone)]
-struct Evidence {
-    squares: f64,
-    along: DVector<f64>,
-    information: DMatrix<f64>,
-}
-
-/// A named effect and a rival: what the data say, and what each proposed capture would.
-struct Pair {
-    /// Named effect and rival.
-    of: [usize; 2],
-    own: Evidence,
-    proposals: Vec<Evidence>,
-}
-
-impl Pair {
-    /// χ² by which the rival would fit worse with the data and all of the captures.
-    fn parted_by_all(&self) -> f64 {
-        self.proposals.iter().fold(self.own.clone(), |sum, p| sum.plus(p)).separation()
-    }
-}
-
-impl Evidence {
-    fn plus(&self, other: &Self) -> Self {
-        Self {
-            squares: self.squares + other.squares,
-            along: &self.along + &other.along,
-            information: &self.information + &other.information,
-        }
-    }
-
-    fn minus(&self, other: &Self) -> Self {
-        Self {
-            squares: self.squares - other.squares,
-            along: &self.along - &other.along,
-            information: &self.information - &other.information,
-        }
-    }
-
-    /// χ² by which the rival would fit worse after it has been refitted.
-    fn separation(&self) -> f64 {
-        let taken = self.information.clone().cholesky().map(|c| c.solve(&self.along));
-        (self.squares - taken.map_or(0.0, |t| t.dot(&self.along))).max(0.0)
-    }
-}
-
-/// A named effect in each of its forms, and a rival refitted in its place.
-struct Rivalry {
-    /// Named effect and rival.
-    of: [usize; 2],
-    forms: Vec<Model>,
-    other: Model,
-}
-
-fn rivalries(fitter: &Fitter, selection: &Selection, classes: &[Vec<Rival>]) -> Vec<Rivalry> {
-    let f = &selection.fitted;
-    // Shapes without a name are columns of the data at hand; they are the same on both sides.
-    let plain = |model: Model| Model { extras: Vec::new(), ..model };
-    let swapped = |i: usize, by: &Rival| -> Option<Model> {
-        let Who::Effect(active) = &selection.library.candidates[by.candidate].who else {
-            return None;
-        };
-        let mut swapped = remove(&f.model, Part::Effect(i));
-        swapped.active.push(active.clone());
-        Some(plain(fitter.fit(swapped, Some(&f.noise)).model))
-    };
-    let mut list = Vec::new();
-    for (i, class) in classes.iter().enumerate() {
-        let named = f.model.active[i].effect;
-        // The named effect may be there in another form, which the rival must not be able to follow either.
-        let (others, rivals): (Vec<&Rival>, Vec<&Rival>) =
-            class.iter().partition(|r| r.effect == named);
-        if rivals.is_empty() {
-            continue;
-        }
-        let mut forms = vec![plain(f.model.clone())];
-        forms.extend(others.iter().filter_map(|form| swapped(i, form)));
-        list.extend(rivals.iter().filter_map(|r| {
-            let (of, forms) = ([named, r.effect], forms.clone());
-            Some(Rivalry { of, forms, other: swapped(i, r)? })
-        }));
-    }
-    list
-}
-
-/// What the data and each of some further captures say of each rivalry.
-fn pairs(
-    fitter: &Fitter,
-    selection: &Selection,
-    rivalries: &[Rivalry],
-    captures: &[PlannedCapture],
-) -> Vec<Pair> {
-    let experiment = fitter.experiment.with_plan(captures);
-    let layout = experiment.layout();
-    let space = Space::new(layout, &vec![true; layout.values.len()]);
-    let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
-    let before = layout.group_count() - captures.len();
-    let noise = selection.fitted.noise.without_rim(&fitter.space);
-    let mut list = Vec::new();
-    for rivalry in rivalries {
-        let predicted = plan.predict(&rivalry.other);
-        let mut tangent = plan.whiten(&plan.tangent(&rivalry.other, &predicted), &noise);
-        for mut column in tangent.column_iter_mut() {
-            let norm = column.norm();
-            column /= if norm > 0.0 { norm } else { 1.0 };
-        }
-        for form in rivalry.forms.iter().map(|form| plan.predict(form)) {
-            let d = DMatrix::from_fn(form.len(), 1, |r, _| form[r] - predicted[r]);
-            let d = plan.whiten(&d, &noise);
-            let evidence = |rows: Vec<usize>| {
-                let (j, d) = (tangent.select_rows(&rows), d.select_rows(&rows));
-                Evidence {
-                    squares: d.norm_squared(),
-                    along: j.tr_mul(&d).column(0).into_owned(),
-                    information: j.tr_mul(&j),
-                }
-            };
-            let mut own = evidence(plan.space.rows_of(&|g| g < before));
-            // Parameters that the data do not determine must not make the system singular.
-            (0..own.information.nrows()).for_each(|k| own.information[(k, k)] += 1e-9);
-            let of = |k: usize| evidence(plan.space.rows_of(&|g| g == before + k));
-            let proposals = (0..captures.len()).map(of).collect();
-            list.push(Pair { of: rivalry.of, own, proposals });
-        }
-    }
-    list
-}
-
 /// Picks proposals until every pair is parted, always the one that parts the worst pair most.
-fn choose(pairs: &[Pair], count: usize, budget: usize) -> Vec<usize> {
+fn choose(pairs: &[Weighed], count: usize, budget: usize) -> Vec<usize> {
     let mut picked = Vec::new();
     let mut state: Vec<Evidence> = pairs.iter().map(|p| p.own.clone()).collect();
     let mut parted: Vec<f64> = state.iter().map(Evidence::separation).collect();
@@ -293,7 +232,7 @@ fn choose(pairs: &[Pair], count: usize, budget: usize) -> Vec<usize> {
 
 /// The captures, `most` of them, that together part a pair which none parts alone: what is left of all when always the one goes that is missed
 /// least. None where not even all of them do.
-fn together(state: &Evidence, pair: &Pair, most: usize) -> Vec<usize> {
+fn together(state: &Evidence, pair: &Weighed, most: usize) -> Vec<usize> {
     /// Proposals looked at, evenly spread over all.
     const TRIED: usize = 150;
     if most == 0 {

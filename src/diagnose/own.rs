@@ -389,7 +389,11 @@ impl Experiment for OwnEffects {
         Box::new(Self { inner, entries, infos, formulas, known: self.known.clone() })
     }
 
-    fn proposals(&self) -> Vec<PlannedCapture> {
+    fn proposals(&self) -> Vec<Vec<PlannedCapture>> {
         self.inner.proposals()
+    }
+
+    fn other_sweep(&self) -> Vec<PlannedCapture> {
+        self.inner.other_sweep()
     }
 }

@@ -170,10 +170,10 @@ impl NextMeasurement {
     }
 }
 
-/// A planned value with no more digits than people set.
+/// A planned value as text.
 fn short(setting: &Setting) -> String {
     match setting {
-        Setting::Number(value) => format!("{}", (value * 1e3).round() / 1e3 + 0.0),
+        Setting::Number(value) => value.to_string(),
         Setting::Name(name) => name.clone(),
     }
 }

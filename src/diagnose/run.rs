@@ -7,7 +7,7 @@ use nalgebra::DMatrix;
 use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::basis::distinct;
 use crate::diagnose::by_site;
-use crate::diagnose::classes::{by_name, pair_instead, rivals, stand_ins};
+use crate::diagnose::classes::{PairInstead, by_name, pair_instead, rivals, stand_ins};
 use crate::diagnose::doubts;
 use crate::diagnose::experiment::{Experiment, Layout};
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
@@ -89,8 +89,11 @@ pub fn diagnose<'a>(experiment: &'a dyn Experiment, options: &Options) -> Result
     if lack_of_fit(&fitter, &selection.fitted).is_some_and(|p| p < LACK_OF_FIT_P) {
         by_site::take_back(&fitter, &mut selection);
     }
-    let mut report = build(&fitter, &selection, outliers);
-    report.next_measurement = next_measurement(&fitter, &selection);
+    let pairs: Vec<_> = (0..selection.fitted.model.active.len())
+        .map(|i| pair_instead(&fitter, &selection, i))
+        .collect();
+    let mut report = build(&fitter, &selection, &pairs, outliers);
+    report.next_measurement = next_measurement(&fitter, &selection, &pairs);
     Ok(Diagnosis { report, selection, fitter })
 }
 
@@ -163,7 +166,13 @@ fn set_aside(experiment: &dyn Experiment, observations: &[usize]) -> Vec<Outlier
     by_row.into_iter().flat_map(of_row).collect()
 }
 
-fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
+/// `pairs` are the two names that could stand for each named effect.
+fn build(
+    fitter: &Fitter,
+    s: &Selection,
+    pairs: &[Option<PairInstead>],
+    outliers: Vec<usize>,
+) -> Report {
     let layout = fitter.experiment.layout();
     let f = &s.fitted;
     let named_model = Model {
@@ -212,7 +221,8 @@ fn build(fitter: &Fitter, s: &Selection, outliers: Vec<usize>) -> Report {
         noise_rms_mm: fitter.space.noise_rms_mm(&f.noise),
         with_unnamed_rms_mm: (generic_count > 0).then(|| rms(&f.residual)),
     };
-    let pairs: Vec<_> = (0..f.model.active.len()).map(|i| pair_instead(fitter, s, i)).collect();
+    let two = |pair: &Option<PairInstead>| pair.as_ref().map(|p| p.effects);
+    let pairs: Vec<_> = pairs.iter().map(two).collect();
     let untested = fitter
         .experiment
         .effects()

@@ -105,6 +105,7 @@ impl Selection {
             self.fitted = fitter.fit(next, Some(&self.fitted.noise));
             self.exchange(fitter);
             self.uncover(fitter);
+            self.name_the_constant(fitter);
             self.drop_weak(fitter);
         }
     }
@@ -147,9 +148,7 @@ impl Selection {
             Who::Effect(a) => f.model.active.iter().any(|b| b.effect == a.effect),
             Who::Extra(_) => false,
         };
-        let mut generic = self
-            .best_generic(fitter, standing, f)
-            .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln());
+        let mut generic = self.sure_generic(fitter, standing, f);
         let scores: Vec<Score> =
             standing.scores(fitter, f, &self.library).into_iter().filter(|s| !taken(s)).collect();
         let mut library = best(scores.iter().filter(|s| self.is_sure(s)).cloned());
@@ -295,6 +294,17 @@ impl Selection {
             cleared: gain2.max(score.cleared),
             ..score.clone()
         }
+    }
+
+    /// The best shape that is there beyond the chance of a false one.
+    pub(super) fn sure_generic(
+        &self,
+        fitter: &Fitter,
+        standing: &Standing,
+        f: &Fitted,
+    ) -> Option<(Who, Score)> {
+        self.best_generic(fitter, standing, f)
+            .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln())
     }
 
     /// The most convincing generic shape; a step or bump with its place (and width) searched around the dictionary's.

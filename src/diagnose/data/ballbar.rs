@@ -8,8 +8,9 @@ use crate::diagnose::data::cups::{Cup, find, straight_below};
 use crate::diagnose::experiment::Parameter;
 
 /// Completes the columns (Z from the path that keeps the bar's length, its sense from the data, each path's cup) and gives the
-/// nuisances: cup of each path, and the bar's length.
+/// nuisances: the bar's length, and each path's cup.
 pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>) -> Vec<Parameter> {
+    data.z_sense = 1.0;
     let linked: Vec<f64> = data.get("b_deg").iter().map(|b| linked_z(data, *b)).collect();
     let given = data.get("z_mm").to_vec();
     if given.is_empty() {
@@ -22,6 +23,7 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         // ISO 841 counts Z upwards; the method's own text counts the way down.
         let sense = |s: f64| {
             let mut other = data.clone();
+            other.z_sense = s;
             other.numbers.insert("z_mm", given.iter().map(|g| s * g).collect());
             let misses = other.find_cups(measured);
             (other, misses, -s * alike_mm2(&given, &linked))
@@ -33,19 +35,9 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         *data = if turned { down.0 } else { up.0 };
     }
     data.free_cups();
-    let mut nuisances = Vec::new();
-    let label = |name: &String| if name.is_empty() { String::new() } else { format!("{name}_") };
-    let named = |cup: &Cup, name: &String, axis: usize| Parameter {
-        start: cup.place_mm[axis],
-        ..Parameter::linear(format!("{}cup_{}_mm", label(name), ["x", "y", "z"][axis]), 0.05)
-    };
+    let mut nuisances = vec![Parameter::linear("bar_mm", 0.05)];
     for (cup, name) in data.cups.iter().zip(&data.series_names) {
-        nuisances.extend([0, 2].map(|axis| named(cup, name, axis)));
-    }
-    for (cup, name) in data.cups.iter().zip(&data.series_names) {
-        if cup.y_is_free {
-            nuisances.push(named(cup, name, 1));
-        }
+        nuisances.extend(of_cup(cup, name));
         if cup.side_assumed {
             warnings.push(format!(
                 "path '{name}': the cup lies {:.1} mm beside the plane of motion, on which side the lengths do not tell: taken as +Y \
@@ -54,8 +46,18 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
             ));
         }
     }
-    nuisances.push(Parameter::linear("bar_mm", 0.05));
     nuisances
+}
+
+/// Where a path's cup is: x, z, and y where that is free.
+pub fn of_cup(cup: &Cup, path: &str) -> impl Iterator<Item = Parameter> {
+    let label = if path.is_empty() { String::new() } else { format!("{path}_") };
+    let place_mm = cup.place_mm;
+    let axes = [0, 2].into_iter().chain(cup.y_is_free.then_some(1));
+    axes.map(move |axis| Parameter {
+        start: place_mm[axis],
+        ..Parameter::linear(format!("{label}cup_{}_mm", ["x", "y", "z"][axis]), 0.05)
+    })
 }
 
 /// How far two columns go the same way: the sum of their products, each from its mean.
@@ -95,19 +97,18 @@ pub fn next_place(data: &Columns, path: usize, b_deg: f64) -> [f64; 2] {
     }
 }
 
-/// The bar's length at a row. Nuisances: each path's cup x and z, y of those where it is free, the bar.
+/// The bar's length at a row. Nuisances: the bar; each path's cup x and z, and y where it is free.
 pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
     let path = data.series[row];
-    let cup = &nuisances[2 * path..];
-    let free = |cups: &[Cup]| cups.iter().filter(|c| c.y_is_free).count();
+    let before = data.cups.iter().take(path).map(|cup| 2 + usize::from(cup.y_is_free));
+    let cup = &nuisances[1 + before.sum::<usize>()..];
     let y = match data.cups.get(path) {
-        Some(cup) if cup.y_is_free => nuisances[2 * data.cups.len() + free(&data.cups[..path])],
-        Some(cup) => cup.place_mm.y,
+        Some(own) if own.y_is_free => cup[2],
+        Some(own) => own.place_mm.y,
         None => 0.0,
     };
-    let bar = nuisances.last().copied().unwrap_or(0.0);
     let d = data.tool(row) + error - Vector3::new(cup[0], y, cup[1]);
-    [d.norm() + bar, 0.0]
+    [d.norm() + nuisances[0], 0.0]
 }
 
 /// A vector of the head at a B angle.

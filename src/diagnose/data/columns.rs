@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 
 use crate::diagnose::data::cups::Cup;
-use crate::diagnose::data::{need, thermal};
+use crate::diagnose::data::{need, show, thermal};
 use crate::diagnose::experiment::Untestable;
 use crate::error::Result;
 use crate::fit::robust::range;
@@ -26,6 +26,8 @@ pub struct Columns {
     pub head: Vector3<f64>,
     /// Base cups of a ball bar's paths.
     pub cups: Vec<Cup>,
+    /// Which way a ball bar's file counts Z: 1 upwards, -1 downwards.
+    pub z_sense: f64,
     /// Coldest readings of the axes' screws.
     pub coldest: Vec<f64>,
     /// Where the slope of each axis' screw is zero.
@@ -59,16 +61,18 @@ impl Columns {
         self.numbers.get(name).map_or(&[], Vec::as_slice)
     }
 
+    fn present(&self) -> Vec<(&'static str, &[f64])> {
+        self.numbers.iter().map(|(k, v)| (*k, v.as_slice())).collect()
+    }
+
     /// Why an effect that needs these columns cannot be tested.
     pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
-        let present: Vec<(&str, &[f64])> =
-            self.numbers.iter().map(|(k, v)| (*k, v.as_slice())).collect();
-        need(&present, names)
+        need(&self.present(), names)
     }
 
     /// Why an effect cannot be tested that shows wherever this column is not zero, though it may never change.
     pub fn shows(&self, name: &str) -> Option<Untestable> {
-        self.needs(&[name]).filter(|_| self.get(name).iter().all(|v| *v == 0.0))
+        show(&self.present(), name)
     }
 
     /// Rows of one path or axis.

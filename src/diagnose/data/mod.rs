@@ -3,6 +3,7 @@
 pub mod ballbar;
 pub mod columns;
 pub mod cups;
+pub mod other_path;
 pub mod plain;
 pub mod rod;
 pub mod rtcp;
@@ -11,7 +12,7 @@ pub mod thermal;
 use std::collections::HashMap;
 
 use crate::diagnose::effects::{Library, NAMES};
-use crate::diagnose::experiment::{Active, Untestable};
+use crate::diagnose::experiment::{Active, PlannedCapture, Untestable};
 use crate::error::{Error, Result, nearest};
 use crate::machine::{DataKind, Effect, Machine};
 
@@ -52,6 +53,13 @@ pub fn need(present: &[(&str, &[f64])], names: &[&str]) -> Option<Untestable> {
     })
 }
 
+/// Whether a column is there and anything but zero, though it may never change; otherwise why an effect that shows where it is not zero
+/// cannot be tested.
+pub fn show(present: &[(&str, &[f64])], name: &str) -> Option<Untestable> {
+    let zero = |(n, values): &(&str, &[f64])| *n == name && values.iter().all(|v| *v == 0.0);
+    need(present, &[name]).filter(|u| !u.predictable || present.iter().any(zero))
+}
+
 /// Time from one capture to the next.
 pub fn pace_s(t_s: &[f64]) -> f64 {
     let (low, high) = crate::fit::robust::range(t_s);
@@ -72,13 +80,45 @@ pub fn times_to_come(t_s: &[f64]) -> Vec<f64> {
     vec![soon, soon + high - low]
 }
 
-/// Appends the times of further captures of which a few will be taken right after the run: nothing is promised that only a longer
-/// time would show.
-pub fn extend_times_soon(t_s: &mut Vec<f64>, count: usize) {
+/// Appends the times of further captures: those planned, and else right after the run, as a few of them will be taken: nothing is promised
+/// that only a longer time would show.
+pub fn extend_times(t_s: &mut Vec<f64>, plan: &[PlannedCapture]) {
     if let Some(last) = t_s.iter().copied().reduce(f64::max) {
-        let pace_s = pace_s(t_s);
-        t_s.extend((1..=count).map(|k| last + pace_s * k as f64 / count as f64));
+        let step_s = pace_s(t_s) / plan.len() as f64;
+        let soon = |k: usize| last + step_s * (k + 1) as f64;
+        let times = plan.iter().enumerate();
+        t_s.extend(times.map(|(k, capture)| capture.number("t_s").unwrap_or(soon(k))));
     }
+}
+
+/// The same captures when the machine has rested as long as the run took, and two hours at least, as cold and as hot as it has been; none
+/// where it was always as warm: what a drift does then is not known.
+pub fn after_a_rest(
+    captures: &[PlannedCapture],
+    t_s: &[f64],
+    temp_c: &[f64],
+) -> Vec<PlannedCapture> {
+    /// Readings of one temperature, K.
+    const SAME: f64 = 0.5;
+    /// In less a machine hardly cools, s.
+    const LEAST_S: f64 = 7200.0;
+    let (cold, hot) = crate::fit::robust::range(temp_c);
+    if hot - cold < SAME {
+        return Vec::new();
+    }
+    let (start_s, end_s) = crate::fit::robust::range(t_s);
+    let later_s = (!t_s.is_empty()).then(|| end_s + (end_s - start_s).max(LEAST_S));
+    let at = |capture: &PlannedCapture, temp_c: f64| {
+        let capture = capture.clone().with("temp_c", temp_c);
+        match later_s {
+            Some(t_s) => capture.with("t_s", t_s),
+            None => capture,
+        }
+    };
+    [cold, hot]
+        .into_iter()
+        .flat_map(|c| captures.iter().map(move |capture| at(capture, c)))
+        .collect()
 }
 
 /// The library's effects are written for B in the head and C in the table; a machine of another order is refused, not

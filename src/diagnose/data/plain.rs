@@ -1,18 +1,20 @@
 //! `ballbar`, `thermal` and `burn` data: one or two values a row over plain columns.
 
+mod planned;
+
 use nalgebra::Vector3;
 
 use crate::diagnose::data::columns::Columns;
+use crate::diagnose::data::other_path::OtherPath;
 use crate::diagnose::data::{
-    ballbar, extend_time, extend_times_soon, known_effects, need_head_b_table_c, pace_s, sites,
-    thermal, times_to_come,
+    ballbar, extend_time, extend_times, known_effects, need_head_b_table_c, pace_s, sites, thermal,
 };
 use crate::diagnose::effects::{self, Library};
 use crate::diagnose::experiment::{
-    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Setting, Variable,
+    Active, Direction, EffectInfo, Experiment, Layout, Parameter, PlannedCapture, Variable,
 };
 use crate::error::Result;
-use crate::fit::robust::{median, range};
+use crate::fit::robust::median;
 use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use crate::thermal::head::sensor_columns;
@@ -61,9 +63,6 @@ const BALLBAR: Sort = Sort {
     library: effects::ballbar::library,
     predict: ballbar::predict,
 };
-
-/// Places of each column in planned captures.
-const PLANNED_STEPS: usize = 7;
 
 /// An experiment over plain columns.
 pub struct PlainExperiment {
@@ -237,62 +236,6 @@ fn layout(data: &Columns, sort: &Sort, measured: &[Vec<f64>]) -> Layout {
     }
 }
 
-impl PlainExperiment {
-    /// Captures that could be taken of one axis or path, which is named where it is not alone.
-    fn proposals_of(&self, series: usize, alone: bool) -> Vec<PlannedCapture> {
-        let mut first = PlannedCapture::default();
-        if let Some(name) = self.data.series_names.get(series).filter(|_| !alone) {
-            first.0.insert(self.sort.series, Setting::Name(name.clone()));
-        }
-        let mut list = vec![first];
-        for &name in self.sort.planned {
-            let values = self.settings(name, series);
-            if values.is_empty() {
-                continue;
-            }
-            let with = |capture: &PlannedCapture| {
-                let mut set: Vec<PlannedCapture> =
-                    values.iter().map(|v| capture.clone().with(name, *v)).collect();
-                // A path goes back the other way round.
-                if capture.number("dir") == Some(-1.0) {
-                    set.reverse();
-                }
-                set
-            };
-            list = list.iter().flat_map(with).collect();
-        }
-        list
-    }
-
-    /// What a planned capture of an axis or path may set a column to: both directions, or places over its measured range.
-    fn settings(&self, name: &str, series: usize) -> Vec<f64> {
-        let d = &self.data;
-        let column = d.get(name);
-        if column.is_empty() {
-            return Vec::new();
-        }
-        match name {
-            "dir" => return vec![1.0, -1.0],
-            "t_s" => return times_to_come(column),
-            _ => {}
-        }
-        let own: Vec<f64> = d.rows_of(series).into_iter().map(|row| column[row]).collect();
-        let (mut low, mut high) = range(if own.is_empty() { column } else { &own });
-        if name == "b_deg" {
-            // What B can do on one side it can do on the other.
-            high = high.max(-low);
-            low = -high;
-        }
-        if high == low && self.sort.widened.contains(&name) {
-            // What never changed hides what it does: half as much of it shows that.
-            low = 0.5 * high;
-        }
-        let count = if high > low { PLANNED_STEPS } else { 1 };
-        let at = |k: usize| low + (high - low) * k as f64 / (PLANNED_STEPS - 1) as f64;
-        (0..count).map(at).collect()
-    }
-}
-
 impl Experiment for PlainExperiment {
     fn kind(&self) -> DataKind {
         self.sort.kind
@@ -330,23 +273,33 @@ impl Experiment for PlainExperiment {
         self.sort.outputs.iter().enumerate().map(|(o, name)| (*name, column(o))).collect()
     }
 
-    fn proposals(&self) -> Vec<PlannedCapture> {
+    fn proposals(&self) -> Vec<Vec<PlannedCapture>> {
         // Each axis or path within what it was measured over itself.
         let names = &self.data.series_names;
         let alone = names.len() < 2;
         let mut list: Vec<PlannedCapture> =
             (0..names.len().max(1)).flat_map(|series| self.proposals_of(series, alone)).collect();
         list.sort_by(PlannedCapture::by_time);
-        list
+        vec![list]
+    }
+
+    fn other_sweep(&self) -> Vec<PlannedCapture> {
+        self.sweep_of_another_path()
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
-        let mut data = self.data.clone();
+        let (mut data, mut nuisances) = (self.data.clone(), self.nuisances.clone());
+        let other = OtherPath::of(&self.data);
         let step_s = pace_s(data.get("t_s")) / plan.len().max(1) as f64;
         for capture in plan {
             let planned = capture.name(self.sort.series);
-            let named = |name: &String| planned == Some(name.as_str());
-            let series = data.series_names.iter().position(named).unwrap_or(0);
+            let of = |data: &Columns| {
+                data.series_names.iter().position(|name| planned == Some(name.as_str()))
+            };
+            if let (Some(other), Some(_), None) = (&other, planned, of(&data)) {
+                other.join(&mut data, &mut nuisances);
+            }
+            let series = of(&data).unwrap_or(0);
             for (name, column) in &mut data.numbers {
                 match *name {
                     // Burns are taken one by one; a path and a warm-up last as long as the plan.
@@ -360,7 +313,10 @@ impl Experiment for PlainExperiment {
                     "x_mm" | "z_mm" => {
                         let b_deg = capture.or_last("b_deg", &[0.0]);
                         let [x_mm, z_mm] = ballbar::next_place(&self.data, series, b_deg);
-                        column.push(if *name == "x_mm" { x_mm } else { z_mm });
+                        column.push(match (*name, capture.number(name)) {
+                            ("x_mm", planned) => planned.unwrap_or(x_mm),
+                            (_, planned) => planned.map_or(z_mm, |z| self.data.z_sense * z),
+                        });
                     }
                     name => capture.extend(name, column),
                 }
@@ -373,12 +329,12 @@ impl Experiment for PlainExperiment {
         if self.sort.series.is_empty()
             && let Some(t_s) = data.numbers.get_mut("t_s")
         {
-            extend_times_soon(t_s, plan.len());
+            extend_times(t_s, plan);
         }
         let zeros = vec![vec![0.0; data.series.len()]; self.sort.outputs.len()];
         let layout = layout(&data, self.sort, &zeros);
         let library = (self.sort.library)(&self.data);
-        let (known, nuisances) = (self.known.clone(), self.nuisances.clone());
+        let known = self.known.clone();
         Box::new(Self { data, library, known, layout, nuisances, sort: self.sort })
     }
 }

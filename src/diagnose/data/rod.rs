@@ -8,7 +8,7 @@ mod sense;
 use nalgebra::{Complex, Vector2};
 
 use crate::camera::{Calibration, View};
-use crate::diagnose::data::{extend_times_soon, known_effects, need};
+use crate::diagnose::data::{after_a_rest, extend_times, known_effects, need, show};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rod::{CameraError, CaptureError, library};
 use crate::diagnose::experiment::{
@@ -71,6 +71,11 @@ impl Rod {
             ("dir_y", &self.dir_y),
         ];
         need(&present, names)
+    }
+
+    /// Why an effect cannot be tested that shows wherever a direction is known, though it may never change.
+    pub fn shows(&self, dir: &str) -> Option<Untestable> {
+        show(&[("dir_x", &self.dir_x), ("dir_y", &self.dir_y)], dir)
     }
 
     /// C of each capture as it is read: error motions of the axis are functions of its own angle.
@@ -300,7 +305,7 @@ impl Experiment for RodExperiment {
         vec![("u_px", u), ("v_px", v)]
     }
 
-    fn proposals(&self) -> Vec<PlannedCapture> {
+    fn proposals(&self) -> Vec<Vec<PlannedCapture>> {
         let d = &self.data;
         let places = d.planned_places(self.nuisances[2].start);
         let side = |n: usize| if n.is_multiple_of(2) { 1.0 } else { -1.0 };
@@ -321,7 +326,9 @@ impl Experiment for RodExperiment {
             }
             capture
         };
-        (0..rounds * places.len()).map(capture).collect()
+        let now: Vec<PlannedCapture> = (0..rounds * places.len()).map(capture).collect();
+        let later = after_a_rest(&now, &d.t_s, &d.temp_c);
+        vec![now, later]
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
@@ -349,7 +356,7 @@ impl Experiment for RodExperiment {
             capture.extend("dir_y", &mut data.dir_y);
             capture.extend("temp_c", &mut data.temp_c);
         }
-        extend_times_soon(&mut data.t_s, plan.len());
+        extend_times(&mut data.t_s, plan);
         let c_deg: Vec<f64> = data.c_read_rad().map(f64::to_degrees).collect();
         let mut layout = layout(&data, values, &c_deg);
         // Planned captures may see more of the rim; their noise is the run's all the same.

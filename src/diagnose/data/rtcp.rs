@@ -2,7 +2,7 @@
 
 use nalgebra::{Rotation3, Vector3};
 
-use crate::diagnose::data::{extend_times_soon, need, need_head_b_table_c, sites};
+use crate::diagnose::data::{after_a_rest, extend_times, need, need_head_b_table_c, show, sites};
 use crate::diagnose::effects::Library;
 use crate::diagnose::effects::rtcp::library;
 use crate::diagnose::effects::rtcp_pose::PoseError;
@@ -11,7 +11,6 @@ use crate::diagnose::experiment::{
     Variable,
 };
 use crate::error::{Error, Result};
-use crate::fit::robust::range;
 use crate::machine::{DataKind, Machine};
 use crate::table::Table;
 use crate::units;
@@ -53,22 +52,25 @@ pub struct Rtcp {
 }
 
 impl Rtcp {
-    /// Why an effect that needs these columns cannot be tested.
-    pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
-        let present: [(&str, &[f64]); 6] = [
+    fn columns(&self) -> [(&'static str, &[f64]); 6] {
+        [
             ("b_deg", &self.b_deg),
             ("c_deg", &self.c_deg),
             ("dir_b", &self.dir_b),
             ("dir_c", &self.dir_c),
             ("t_s", &self.t_s),
             ("temp_c", &self.temp_c),
-        ];
-        need(&present, names)
+        ]
     }
 
-    /// Why an effect cannot be tested that shows wherever B came from one side, though it may always have come from there.
-    pub fn shows_dir_b(&self) -> Option<Untestable> {
-        self.needs(&["dir_b"]).filter(|_| self.dir_b.iter().all(|d| *d == 0.0))
+    /// Why an effect that needs these columns cannot be tested.
+    pub fn needs(&self, names: &[&str]) -> Option<Untestable> {
+        need(&self.columns(), names)
+    }
+
+    /// Why an effect cannot be tested that shows wherever this column is not zero, though it may never change.
+    pub fn shows(&self, name: &str) -> Option<Untestable> {
+        show(&self.columns(), name)
     }
 
     /// First time.
@@ -265,34 +267,28 @@ impl Experiment for RtcpExperiment {
         vec![("dx_mm", column(0)), ("dy_mm", column(1)), ("dz_mm", column(2))]
     }
 
-    fn proposals(&self) -> Vec<PlannedCapture> {
-        let mut list = Vec::new();
-        // As warm as the machine is now, and as cold and as hot as it has been.
-        let (cold, hot) = range(&self.data.temp_c);
-        let states = if self.data.temp_c.is_empty() { vec![0.0] } else { vec![cold, hot] };
-        for (k, temp) in states.into_iter().enumerate() {
-            for b in 0..13 {
-                for c in 0..7 {
-                    let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
-                    // C angles that no small harmonic repeats on.
-                    let c_deg = f64::from((c + 7 * k as i32) * 83 % 360);
-                    let mut capture = PlannedCapture::default()
-                        .with("b_deg", f64::from(b) * 15.0 - 90.0)
-                        .with("c_deg", c_deg);
-                    for (name, column, way) in [
-                        ("dir_b", &self.data.dir_b, side(b + c)),
-                        ("dir_c", &self.data.dir_c, side(b + c / 2)),
-                        ("temp_c", &self.data.temp_c, temp),
-                    ] {
-                        if !column.is_empty() {
-                            capture = capture.with(name, way);
-                        }
+    fn proposals(&self) -> Vec<Vec<PlannedCapture>> {
+        let mut now = Vec::new();
+        for b in 0..13 {
+            for c in 0..7 {
+                let side = |n: i32| if n % 2 == 0 { 1.0 } else { -1.0 };
+                // C angles that no small harmonic repeats on.
+                let mut capture = PlannedCapture::default()
+                    .with("b_deg", f64::from(b) * 15.0 - 90.0)
+                    .with("c_deg", f64::from(c * 83 % 360));
+                for (name, column, way) in [
+                    ("dir_b", &self.data.dir_b, side(b + c)),
+                    ("dir_c", &self.data.dir_c, side(b + c / 2)),
+                ] {
+                    if !column.is_empty() {
+                        capture = capture.with(name, way);
                     }
-                    list.push(capture);
                 }
+                now.push(capture);
             }
         }
-        list
+        let later = after_a_rest(&now, &self.data.t_s, &self.data.temp_c);
+        vec![now, later]
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {
@@ -308,7 +304,7 @@ impl Experiment for RtcpExperiment {
             capture.extend("dir_c", &mut data.dir_c);
             capture.extend("temp_c", &mut data.temp_c);
         }
-        extend_times_soon(&mut data.t_s, plan.len());
+        extend_times(&mut data.t_s, plan);
         let zeros = vec![vec![0.0; data.b_deg.len()]; 3];
         let layout = layout(&data, &zeros, false);
         // The library stays the run's own: its forms and their order are what the model refers to.

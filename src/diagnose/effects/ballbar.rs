@@ -32,7 +32,8 @@ fn swung(data: &Columns, row: usize, extra_rad: f64) -> Vector3<f64> {
 }
 
 /// Runs that show what one path cannot.
-const SECOND: &str = "a second path with the cup shifted, or a bar of certified length";
+const ASIDE: &str = "a second path with the cup shifted";
+const OTHER_AXIS: &str = "a second path that moves X instead of Z (ballbar plan --path xb)";
 
 fn one(name: &'static str, typical: f64) -> Vec<Parameter> {
     vec![Parameter::linear(name, typical)]
@@ -62,7 +63,7 @@ fn head(l: &mut L, data: &Columns) {
             "pivot-offset-x",
             "the nozzle is off the B axis by ΔX + this (X0B)",
             "length against B, odd",
-            SECOND,
+            OTHER_AXIS,
         ),
         data.needs(&["b_deg"]),
     );
@@ -74,13 +75,13 @@ fn head(l: &mut L, data: &Columns) {
             "pivot-length",
             "the B axis is R + this above the nozzle (Z0B)",
             "length against B, even",
-            SECOND,
+            OTHER_AXIS,
         ),
         data.needs(&["b_deg"]),
     );
     term(l, one("r_mm", 0.02), move |data, p, row| at(data, row, Vector3::new(0.0, 0.0, -p[0])));
     l.effect(
-        words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", SECOND),
+        words("squareness-xz", "Z is not square to X (B0Z)", "length against Z", OTHER_AXIS),
         data.needs(&["z_mm"]),
     );
     term(l, one("um_per_m", 20.0), |data, p, row| {
@@ -102,7 +103,7 @@ fn sideways(l: &mut L, data: &Columns) {
         ("b-axis-tilt-x", "the B axis is turned about X (A0B)", Vector3::x_axis()),
         ("b-axis-tilt-z", "the B axis is turned about Z (C0B)", Vector3::z_axis()),
     ] {
-        l.effect(words(name, meaning, shifted, SECOND), sideways(&["b_deg"]));
+        l.effect(words(name, meaning, shifted, ASIDE), sideways(&["b_deg"]));
         // The zero pose stays, as in `ballbar decouple`.
         term(l, one("tilt_deg", 0.01), move |data, p, row| {
             let tilt = Rotation3::from_axis_angle(&axis, p[0].to_radians());
@@ -111,7 +112,7 @@ fn sideways(l: &mut L, data: &Columns) {
         });
     }
     l.effect(
-        words("squareness-yz", "Z is not square to Y (A0Z)", shifted, SECOND),
+        words("squareness-yz", "Z is not square to Y (A0Z)", shifted, ASIDE),
         sideways(&["z_mm"]),
     );
     term(l, one("um_per_m", 20.0), |data, p, row| {
@@ -131,7 +132,7 @@ fn backlash(l: &mut L, data: &Columns) {
                 both,
             )
         },
-        data.needs(&["dir"]),
+        data.shows("dir"),
     );
     term(l, one("width_deg", 0.01), |data, p, row| {
         swung(data, row, -0.5 * data.get("dir")[row] * p[0].to_radians())
@@ -217,7 +218,7 @@ fn pitch(l: &mut L, data: &Columns) {
 
 fn slide(l: &mut L, data: &Columns) {
     l.effect(
-        words("scale-z", "Z goes too far (EZZ)", "length against Z", SECOND),
+        words("scale-z", "Z goes too far (EZZ)", "length against Z", OTHER_AXIS),
         data.needs(&["z_mm"]),
     );
     term(l, one("um_per_m", 20.0), |data, p, row| {
@@ -257,7 +258,7 @@ fn servo(l: &mut L, data: &Columns) {
             "length against the speeds' ratio, changing sign with direction",
             "the run at two speeds, in both directions",
         ),
-        data.needs(&["dir"]),
+        data.shows("dir"),
     );
     term(l, one("lead_deg", 0.01), |data, p, row| {
         // With B at constant speed, what Z runs ahead is its slope (mm per rad) times the angle that B goes in that time.

@@ -183,7 +183,7 @@ fn shutter(l: &mut L, data: &Rod) {
             "a shear that changes sign with the direction of travel",
             "each place approached from both sides; a longer wait",
         ),
-        data.needs(&["dir_x"]).filter(|_| data.needs(&["dir_y"]).is_some()),
+        data.shows("dir_x").filter(|_| data.shows("dir_y").is_some()),
     );
     for axes in [[1.0, 1.0], [1.0, 0.0], [0.0, 1.0]] {
         let name = match axes {

@@ -43,7 +43,7 @@ fn head(l: &mut L, parameter: Parameter, datum_first: bool, set: fn(&mut HeadErr
 /// The library, with what `data` cannot test marked.
 pub fn library(data: &Rtcp) -> L {
     let mut l = L::default();
-    head_constants(&mut l, data);
+    head_constants(&mut l);
     b_readings(&mut l, data);
     head_sag(&mut l, data);
     rtcp_table::effects(&mut l, data);
@@ -53,8 +53,7 @@ pub fn library(data: &Rtcp) -> L {
 }
 
 /// Where the B axis is and how it lies.
-fn head_constants(l: &mut L, data: &Rtcp) {
-    let moves = data.needs(&["b_deg"]);
+fn head_constants(l: &mut L) {
     l.effect(
         words(
             "pivot-offset-x",
@@ -62,7 +61,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "dz against sin B",
             "B from -90 to +90 at one C, with two very different tool lengths",
         ),
-        moves.clone(),
+        None,
     );
     head(l, length("delta_x_mm"), true, |e, v| e.dx += v);
     l.effect(
@@ -72,7 +71,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "dx against sin B",
             "B from -90 to +90 at one C, with two very different tool lengths",
         ),
-        moves.clone(),
+        None,
     );
     head(l, length("r_mm"), true, |e, v| e.dr += v);
     l.effect(
@@ -92,7 +91,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "dy against cos B",
             "B from -90 to +90 at one C",
         ),
-        moves.clone(),
+        None,
     );
     head(l, angle("tilt_deg"), true, |e, v| e.tilt_x += v.to_radians());
     l.effect(
@@ -102,7 +101,7 @@ fn head_constants(l: &mut L, data: &Rtcp) {
             "dy against sin B",
             "B from -90 to +90 at one C",
         ),
-        moves,
+        None,
     );
     head(l, angle("tilt_deg"), true, |e, v| e.tilt_z += v.to_radians());
 }
@@ -117,7 +116,7 @@ fn b_readings(l: &mut L, data: &Rtcp) {
             best: "B in steps of 5 degrees over its whole range",
             varies_with: &["b_deg"],
         },
-        data.needs(&["b_deg"]),
+        data.shows("b_deg"),
     );
     for orders in PITCH_ORDERS {
         l.form(harmonics(orders, "deg", 0.01), move |data, p, errors| {
@@ -134,7 +133,7 @@ fn b_readings(l: &mut L, data: &Rtcp) {
             best: "each B angle approached from both sides",
             varies_with: &["b_deg", "t_s", "approach_b_deg"],
         },
-        data.shows_dir_b(),
+        data.shows("dir_b"),
     );
     // B's zero may stand midway, or be right for the one direction it was set in: then the other one is off by all of the width.
     for zero_dir in [0.0, 1.0, -1.0] {
@@ -160,7 +159,7 @@ fn head_sag(l: &mut L, data: &Rtcp) {
             best: "B from -90 to +90, with z measured",
             varies_with: &["b_deg"],
         },
-        data.needs(&["b_deg"]),
+        data.shows("b_deg"),
     );
     l.form(vec![length("sag_mm")], |data, p, errors| {
         let arm = data.geometry.head.norm().max(1e-9);

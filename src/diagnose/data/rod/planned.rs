@@ -24,7 +24,7 @@ fn seen(view: &View, pole: Vector2<f64>, radius: f64, place: Vector2<f64>) -> Ve
     const ROUND: usize = 240;
     /// Points kept of a capture.
     const POINTS: usize = 24;
-    let inside = |at: f64, size: usize| (0.0..size as f64).contains(&at);
+    let inside = |at: f64, size: usize| (-0.5..=size as f64 - 0.5).contains(&at);
     let is_seen = |ray: &Vector2<f64>| {
         let offset = pole + ray * radius - place;
         let px = view.to_pixel(offset);
@@ -141,7 +141,7 @@ mod tests {
         let table = Table::read(&data, COLUMNS.0, COLUMNS.1).unwrap();
         let calibration = Calibration::read(&calib).unwrap();
         let rod = RodExperiment::from_table(&table, &calibration, None, &mut Vec::new()).unwrap();
-        let plan = rod.proposals();
+        let plan = rod.proposals().swap_remove(0);
         let planned = rod.with_plan(&plan);
         let mut points = vec![0; 12 + plan.len()];
         planned.layout().groups.iter().for_each(|g| points[*g] += 1);

@@ -1,0 +1,95 @@
+//! A ball bar path that the data lack, over the cup where it stands: X moves with B where Z did, or the other way round.
+
+use nalgebra::Vector3;
+
+use crate::ballbar::{Kind, Path};
+use crate::diagnose::data::ballbar::{of_cup, turned};
+use crate::diagnose::data::columns::Columns;
+use crate::diagnose::data::cups::Cup;
+use crate::diagnose::experiment::{Parameter, PlannedCapture, Setting};
+
+/// A path beside those of the data.
+#[derive(Debug, Clone)]
+pub struct OtherPath {
+    kind: Kind,
+    head: Vector3<f64>,
+    cup: Cup,
+    /// Which way the data count Z: up 1, down -1.
+    z_sense: f64,
+}
+
+impl OtherPath {
+    /// With X moving where only Z did, or the other way round; none where both have.
+    pub fn of(data: &Columns) -> Option<Self> {
+        let first = data.cups.first()?;
+        let moves = |name: &str| {
+            (0..data.cups.len()).any(|path| !data.stands_still(name, &data.rows_of(path)))
+        };
+        let kind = match (moves("x_mm"), moves("z_mm")) {
+            (false, true) => Kind::Xb,
+            (true, false) => Kind::Zb,
+            _ => return None,
+        };
+        let place_mm = first.place_mm.component_mul(&Vector3::new(1.0, 0.0, 1.0));
+        let bar_mm = (first.bar_mm.powi(2) - first.place_mm.y.powi(2)).max(0.0).sqrt();
+        let cup = Cup { place_mm, bar_mm, side_assumed: false, y_is_free: false };
+        Some(Self { kind, head: data.head, cup, z_sense: data.z_sense })
+    }
+
+    fn name(&self) -> String {
+        Path { kind: self.kind, ..Path::SOURCE }.name()
+    }
+
+    /// Its captures at these angles as far as the bar reaches, in this direction.
+    pub fn captures(&self, angles_deg: &[f64], dir: Option<f64>) -> Vec<PlannedCapture> {
+        let at = |b_deg: &f64| {
+            let [x_mm, z_mm] = self.place(*b_deg)?;
+            let mut capture = PlannedCapture::default()
+                .with("b_deg", *b_deg)
+                .with("x_mm", x_mm)
+                .with("z_mm", self.z_sense * z_mm);
+            capture.0.insert("path", Setting::Name(self.name()));
+            Some(match dir {
+                Some(dir) => capture.with("dir", dir),
+                None => capture,
+            })
+        };
+        let mut list: Vec<PlannedCapture> = angles_deg.iter().filter_map(at).collect();
+        if dir == Some(-1.0) {
+            list.reverse();
+        }
+        list
+    }
+
+    /// X and Z (upwards) at a B angle, as `ballbar plan` has them; none where the bar reaches its end.
+    fn place(&self, b_deg: f64) -> Option<[f64; 2]> {
+        /// The axis that moves is this part of the bar's length from the cup at least.
+        const LEAST: f64 = 0.25;
+        let from_cup = turned(b_deg.to_radians(), self.head) - self.cup.place_mm;
+        let reach = |across_mm: f64| {
+            let along_mm = (self.cup.bar_mm.powi(2) - across_mm.powi(2)).max(0.0).sqrt();
+            (along_mm > LEAST * self.cup.bar_mm).then_some(along_mm)
+        };
+        match self.kind {
+            Kind::Xb => {
+                let z_mm = self.cup.place_mm.z + 1.25 * self.head.norm();
+                Some([reach(from_cup.z + z_mm)? - from_cup.x, z_mm])
+            }
+            Kind::Zb => {
+                let x_mm = self.cup.place_mm.x - self.head.x;
+                Some([x_mm, reach(from_cup.x + x_mm)? - from_cup.z])
+            }
+        }
+    }
+
+    /// Adds the path to the data; its cup is a place of its own.
+    pub fn join(&self, data: &mut Columns, nuisances: &mut Vec<Parameter>) {
+        nuisances.extend(of_cup(&self.cup, &self.name()));
+        data.cups.push(self.cup);
+        data.series_names.push(self.name());
+        let rows = data.series.len();
+        for name in ["x_mm", "z_mm"] {
+            data.numbers.entry(name).or_insert_with(|| vec![0.0; rows]);
+        }
+    }
+}
