@@ -1,48 +1,13 @@
-//! Records, reports, regression, defaults, log, schemas, completions and man pages, end to end.
+//! Records, regression, defaults, log, schemas, completions and man pages, end to end.
 
 #![allow(clippy::unwrap_used)] // A test that cannot go on has failed.
 
+#[path = "common/program.rs"]
+mod program;
+
 use std::path::Path;
-use std::process::{Command, Output};
 
-fn run(dir: &Path, args: &[&str]) -> Output {
-    let mut command = Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
-    let config = dir.join("config.toml");
-    let config = if config.exists() { config.display().to_string() } else { "none".into() };
-    command.current_dir(dir).env("PIVOTSIGHT_CONFIG", config).args(args).output().unwrap()
-}
-
-fn ok(dir: &Path, args: &[&str]) -> String {
-    let output = run(dir, args);
-    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
-    String::from_utf8(output.stdout).unwrap()
-}
-
-fn refused(dir: &Path, args: &[&str], words: &str) {
-    let output = run(dir, args);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert_eq!(output.status.code(), Some(2), "{args:?}: {message}");
-    assert!(message.contains(words), "{message}");
-}
-
-/// A folder with a session file for `solve`, the one measurement that needs no picture.
-fn session() -> tempfile::TempDir {
-    let dir = tempfile::tempdir().unwrap();
-    write_session(dir.path(), 0.283);
-    dir
-}
-
-fn write_session(dir: &Path, delta_x_mm: f64) {
-    let (r, d, x) = (214.7, 20.0, 100.0);
-    let text = format!(
-        "[rod]\ndiameter_mm = {d}\ndiameter_u_mm = 0.0005\ncenter_mm = [{x}, -50.0]\ncenter_u_mm = [0.0005, 0.0005]\n\
-         [touch]\nx1_mm = {}\nx1_u_mm = 0.001\nx2_mm = {}\nx2_u_mm = 0.001\nz_table_mm = -300.0\nz_table_u_mm = 0.002\n\
-         b1_deg = 90\nb2_deg = -90\n",
-        x + d / 2.0 + r + delta_x_mm,
-        x - d / 2.0 - r + delta_x_mm,
-    );
-    std::fs::write(dir.join("session.toml"), text).unwrap();
-}
+use program::{ok, refused, run, session, write_session};
 
 #[test]
 fn a_place_where_no_records_can_be_kept_is_told_before_and_a_failure_after_costs_no_result() {
@@ -130,43 +95,6 @@ fn records_count_a_picture_once_and_know_when_it_was_taken() {
     assert!(plot.matches("<circle").count() <= 3, "one point in each of three panels");
     let bad = [&burn[..], &keep, &["yesterday"]].concat();
     assert!(String::from_utf8_lossy(&run(dir, &bad).stderr).contains("is no time"));
-}
-
-#[test]
-fn a_report_is_one_page_that_needs_nothing_else() {
-    let dir = session();
-    let dir = dir.path();
-    ok(dir, &["solve", "session.toml", "--format", "json", "--out", "solve.json"]);
-    ok(dir, &["report", "solve.json", "--title", "Cell <3>"]);
-    let page = std::fs::read_to_string(dir.join("solve.html")).unwrap();
-    for word in [
-        "Cell &lt;3&gt;",
-        "class=\"verdict",
-        "ΔX, B axis to optical axis, mm",
-        "What to do next",
-        "U (95 %)",
-        "<td>I1</td>",
-    ] {
-        assert!(page.contains(word), "{word} is missing");
-    }
-    for outside in ["src=\"http", "href=\"http", "@import", "<script"] {
-        assert!(!page.contains(outside), "{outside}");
-    }
-    assert_eq!(page.find("verdict").map(|v| v < page.find("<table").unwrap_or(0)), Some(true));
-    // A machine file is no measurement, and its page does not call it one.
-    std::fs::write(dir.join("machine.toml"), "schema = 1\n[head]\nr_mm = 180.0\n").unwrap();
-    ok(dir, &["machine", "machine.toml", "--format", "json", "--out", "machine.json"]);
-    ok(dir, &["report", "machine.json"]);
-    let page = std::fs::read_to_string(dir.join("machine.html")).unwrap();
-    assert!(page.contains("<b>COMPUTED</b>") && !page.contains("MEASURED"), "{page}");
-    refused(dir, &["report", "session.toml"], "is not a JSON result");
-    std::fs::write(dir.join("other.json"), "{\"a\": 1}").unwrap();
-    refused(dir, &["report", "other.json"], "not a result of pivotsight");
-    let text =
-        r#"{"schema": "pivotsight.burn/1", "distance_mm": "0.01", "distance_u95_mm": 0.002}"#;
-    std::fs::write(dir.join("text.json"), text).unwrap();
-    refused(dir, &["report", "text.json"], "distance_mm is '0.01', not a number");
-    refused(dir, &["report", "solve.json", "--picture", "session.toml"], "not PNG, JPEG or SVG");
 }
 
 #[test]
@@ -280,7 +208,7 @@ fn defaults_come_from_the_configuration_and_the_command_line_wins() {
     // Its paths are seen from the file's folder.
     std::fs::create_dir(dir.join("sub")).unwrap();
     std::fs::remove_file(dir.join("kept.sqlite")).unwrap();
-    let mut elsewhere = Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
+    let mut elsewhere = std::process::Command::new(assert_cmd::cargo::cargo_bin!("pivotsight"));
     elsewhere.current_dir(dir.join("sub")).env("PIVOTSIGHT_CONFIG", dir.join("config.toml"));
     assert!(elsewhere.args(["solve", "../session.toml"]).output().unwrap().status.success());
     assert!(dir.join("kept.sqlite").exists() && !dir.join("sub/kept.sqlite").exists());
@@ -345,157 +273,4 @@ fn the_projects_own_pictures_measure_as_their_truth_says() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
     let xml = std::fs::read_to_string(dir.path().join(junit)).unwrap();
     assert!(xml.contains("tests=\"5\" failures=\"0\""), "{xml}");
-}
-
-/// Headless Chromium's view of a page: its document after loading, and its width in the window.
-fn browser(page: &Path, more: &[&str]) -> Option<Output> {
-    let names = ["chromium", "chromium-browser", "google-chrome"];
-    let profile = tempfile::tempdir().unwrap();
-    names.iter().find_map(|name| {
-        Command::new(name)
-            .args([
-                "--headless",
-                "--no-sandbox",
-                "--disable-gpu",
-                "--disable-background-networking",
-                "--disable-component-update",
-                "--disable-sync",
-                "--window-size=900,1200",
-            ])
-            .arg(format!("--user-data-dir={}", profile.path().display()))
-            .args(more)
-            .arg(format!("file://{}", page.display()))
-            .output()
-            .ok()
-    })
-}
-
-#[test]
-fn reports_stand_in_a_browser_and_print_on_a4() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let dir = tempfile::tempdir().unwrap();
-    let dir = dir.path();
-    let burns = root.join("images/burn-clean");
-    // The page tells a calibration's age: this one is new.
-    let calib = dir.join("calib.toml");
-    std::fs::write(&calib, std::fs::read(burns.join("calib.toml")).unwrap()).unwrap();
-    let (session, picture) = (root.join("calib/session.toml"), burns.join("burn-0001.png"));
-    let [calib, session, picture] = [&calib, &session, &picture].map(|p| p.to_str().unwrap());
-    let burn = run(
-        dir,
-        &[
-            "burn",
-            picture,
-            "--calib",
-            calib,
-            "--overlay",
-            "o",
-            "--format",
-            "json",
-            "--out",
-            "burn.json",
-        ],
-    );
-    assert_eq!(burn.status.code(), Some(1));
-    ok(dir, &["solve", session, "--format", "json", "--out", "solve.json"]);
-    std::fs::write(
-        dir.join("job.toml"),
-        format!("schema = 1\ncalib = '{calib}'\noverlay = true\n[measure.burn]\n"),
-    )
-    .unwrap();
-    run(dir, &["batch", picture, "--job", "job.toml", "--out", "batch"]);
-    ok(dir, &["thermal", "simulate", "heat"]);
-    let (head, screw) = ("heat/head.csv", "heat/screw.csv");
-    ok(dir, &["thermal", "fit", "--head", head, "--screw", screw, "--out", "model.json"]);
-    let lengths = ["--path", "zb,zb-y150", "--error", "X0B=0.02", "--noise-mm", "0.0005"];
-    ok(
-        dir,
-        &[&["ballbar", "simulate", "--format", "csv", "--out", "bar.csv"], &lengths[..]].concat(),
-    );
-    let bar = ["ballbar", "decouple", "--data", "bar.csv", "--format", "json", "--out", "bar.json"];
-    ok(dir, &bar);
-    for result in ["burn.json", "solve.json", "batch", "model.json", "bar.json"] {
-        ok(dir, &["report", result, "--quiet"]);
-    }
-    let expected: [(&str, &[&str]); 5] = [
-        (
-            "model.html",
-            &[
-                "X screw: slope at T max, µm/m",
-                "head sensor 6, µm/°C",
-                "Slopes of the screws",
-                "thermal compensate",
-            ],
-        ),
-        (
-            "bar.html",
-            &[
-                "X0B, B axis off in X, mm",
-                "Particle swarm",
-                "together change no length",
-                "Measure the path xbk-y150",
-            ],
-        ),
-        (
-            "burn.html",
-            &[
-                "FAIL",
-                "Uncertainty budget",
-                "edge of the spot",
-                "0 days: last changed",
-                "Turn B by",
-            ],
-        ),
-        ("solve.html", &["PASS", "ΔX, B axis to optical axis", "touch X1", "rod parallel to Z"]),
-        (
-            "batch/summary.html",
-            &["FAIL", "Pictures to look at", "burn-0001.png", "Out of limits: 1"],
-        ),
-    ];
-    for (name, words) in expected {
-        let page = dir.join(name);
-        let text = std::fs::read_to_string(&page).unwrap();
-        let loads = ["http://", "https://", "src=\"o/", "<link", "<script"];
-        assert!(
-            !loads.iter().any(|l| text.replace("http://www.w3.org/", "").contains(l)),
-            "{name}"
-        );
-        // A script put into a copy tells what the browser made of the page.
-        let probe = "<script>addEventListener('load', () => { const d = document; d.title = JSON.stringify({ \
-             wide: d.documentElement.scrollWidth - innerWidth, \
-             broken: [...d.images].filter(i => !i.naturalWidth).length, \
-             pictures: d.images.length, words: d.body.innerText.length }) })</script></body>";
-        let copy = dir.join("probe.html");
-        std::fs::write(&copy, text.replace("</body>", probe)).unwrap();
-        let Some(shown) = browser(&copy, &["--virtual-time-budget=3000", "--dump-dom"]) else {
-            println!("chromium is not installed: the pages were not looked at in a browser");
-            return;
-        };
-        let dom = String::from_utf8_lossy(&shown.stdout).into_owned();
-        let title =
-            dom.split("<title>").nth(1).and_then(|t| t.split("</title>").next()).unwrap_or("");
-        let seen: serde_json::Value = serde_json::from_str(&title.replace("&quot;", "\""))
-            .unwrap_or_else(|e| panic!("{name}: {e}: {title}"));
-        assert!(
-            seen["wide"].as_i64().is_some_and(|w| w <= 0),
-            "{name} is wider than the window: {seen}"
-        );
-        assert_eq!(seen["broken"], 0, "{name}");
-        assert!(
-            seen["pictures"].as_i64()
-                >= Some(i64::from(name.starts_with('b') && name != "bar.html")),
-            "{name}: {seen}"
-        );
-        words.iter().for_each(|w| assert!(dom.contains(w), "{name} does not say {w}"));
-        let pdf = dir.join("page.pdf");
-        browser(&page, &["--no-pdf-header-footer", &format!("--print-to-pdf={}", pdf.display())]);
-        let pdf = std::fs::read(&pdf).unwrap();
-        let pdf = String::from_utf8_lossy(&pdf);
-        // A4 in points, rounded as the browser does.
-        assert!(
-            pdf.contains("/MediaBox [0 0 594.95996 841.91998]")
-                || pdf.contains("/MediaBox [0 0 595"),
-            "{name}"
-        );
-    }
 }

@@ -9,6 +9,10 @@ use crate::output::escape;
 const WIDTH: f64 = 760.0;
 const HEIGHT: f64 = 340.0;
 const MARGIN_LEFT: f64 = 78.0;
+/// Where the vertical axis' label stands.
+const Y_LABEL: f64 = 15.0;
+/// Least distance of its ticks.
+const Y_SPACING: f64 = 36.0;
 const MARGIN_RIGHT: f64 = 18.0;
 const MARGIN_BOTTOM: f64 = 50.0;
 const TITLE: f64 = 40.0;
@@ -69,14 +73,18 @@ fn draw_panel(out: &mut String, panel: &Panel, outer: Area) {
         );
         top += 20.0;
     }
-    let area = Area {
+    let mut area = Area {
         left: outer.left + MARGIN_LEFT,
         right: outer.right - MARGIN_RIGHT,
         top: draw_legend(out, panel, outer, top) + 6.0,
         bottom: outer.bottom - MARGIN_BOTTOM,
     };
+    // Long numbers must not run into the label beside them.
+    let letters = |y: &Scale| y.ticks(Y_SPACING).iter().map(|t| t.1.chars().count()).max();
+    let written = LETTER * letters(&scales(panel, area).1).unwrap_or(0) as f64;
+    area.left = outer.left + MARGIN_LEFT.max(written + Y_LABEL + 16.0);
     let (x, y) = scales(panel, area);
-    draw_axes(out, panel, area, &x, &y);
+    draw_axes(out, panel, outer.left + Y_LABEL, area, &x, &y);
     for (i, series) in panel.series.iter().enumerate() {
         draw_shape(out, &series.shape, colour(i, &series.shape), area, &x, &y);
     }
@@ -152,7 +160,7 @@ fn scales(panel: &Panel, area: Area) -> (Scale, Scale) {
     (x, y)
 }
 
-fn draw_axes(out: &mut String, panel: &Panel, area: Area, x: &Scale, y: &Scale) {
+fn draw_axes(out: &mut String, panel: &Panel, label_x: f64, area: Area, x: &Scale, y: &Scale) {
     let Area { left, top, right, bottom } = area;
     // A narrow panel has ticks too.
     let spacing = ((x.pixel_high - x.pixel_low) / 5.0).clamp(45.0, 70.0);
@@ -161,7 +169,7 @@ fn draw_axes(out: &mut String, panel: &Panel, area: Area, x: &Scale, y: &Scale) 
         let _ = writeln!(out, "<path d=\"M{px:.1} {top:.1}V{bottom:.1}\" stroke=\"#e4e4e4\"/>");
         text(out, px, bottom + 17.0, "middle", &label, "");
     }
-    for (value, label) in y.ticks(36.0) {
+    for (value, label) in y.ticks(Y_SPACING) {
         let py = y.pixel(value);
         let colour = if value == 0.0 { "#aaa" } else { "#e4e4e4" };
         let _ = writeln!(out, "<path d=\"M{left:.1} {py:.1}H{right:.1}\" stroke=\"{colour}\"/>");
@@ -174,7 +182,7 @@ fn draw_axes(out: &mut String, panel: &Panel, area: Area, x: &Scale, y: &Scale) 
         bottom - top
     );
     text(out, 0.5 * (left + right), bottom + 37.0, "middle", &panel.x_label, "");
-    let (tx, ty) = (left - MARGIN_LEFT + 15.0, 0.5 * (top + bottom));
+    let (tx, ty) = (label_x, 0.5 * (top + bottom));
     let turn = format!(" transform=\"rotate(-90 {tx:.1} {ty:.1})\"");
     text(out, tx, ty, "middle", &panel.y_label, &turn);
 }

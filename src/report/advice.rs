@@ -7,8 +7,8 @@ use crate::batch::limits::number;
 use crate::measure::offset::Correction;
 use crate::uncertainty::text;
 
-/// The verdict's word (`pass`, `fail`, `undecided`, `measured` where no limit applies, or `computed` where nothing was measured) and a
-/// sentence.
+/// The verdict's word (`pass`, `fail`, `undecided`, `measured` where no limit applies, `computed` where nothing was to be measured, or
+/// `not measured` where a picture was refused) and a sentence.
 pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
     let empty = Map::new();
     let map = result.as_object().unwrap_or(&empty);
@@ -36,6 +36,9 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
     }
     if command == "history" {
         return history::verdict(result);
+    }
+    if let Some(reason) = refused(map) {
+        return (REFUSED, reason.to_owned());
     }
     if command == "ballbar-decouple" {
         return ("measured", ballbar::sentence(result));
@@ -71,6 +74,14 @@ pub fn verdict(command: &str, result: &Value) -> (&'static str, String) {
         (_, other) => format!("Verdict: {other}."),
     };
     (class(stated), sentence)
+}
+
+/// The verdict's word where there is no result.
+const REFUSED: &str = "not measured";
+
+/// Why a picture of several gave no result.
+fn refused(map: &Map<String, Value>) -> Option<&str> {
+    map.get("error").and_then(Value::as_str)
 }
 
 /// The class of a verdict's word in the page's style.
@@ -112,6 +123,9 @@ pub fn next(command: &str, result: &Value) -> Vec<String> {
     let map = result.as_object().unwrap_or(&empty);
     let get = |key: &str| number(map, key);
     let stated = map.get("verdict").and_then(Value::as_str).unwrap_or("");
+    if refused(map).is_some() {
+        return vec!["Do what the reason says, and capture this one again.".into()];
+    }
     match (command, stated) {
         ("burn", "pass") => vec!["Nothing to correct. Repeat after a collision, a nozzle change or a change of the head.".into()],
         ("burn", _) => {

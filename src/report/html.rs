@@ -12,10 +12,10 @@ body { font: 11pt/1.4 system-ui, sans-serif; max-width: 180mm; margin: 10mm auto
 h1 { font-size: 18pt; margin: 0 } h2 { font-size: 13pt; margin: 8mm 0 2mm; break-after: avoid }
 header p { color: #555; margin: 1mm 0 4mm }
 .verdict { font-size: 13pt; padding: 3mm 4mm; border-left: 3mm solid; background: #f4f4f4; print-color-adjust: exact }
-.pass { border-color: #009e73 } .fail { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured, .computed { border-color: #0072b2 }
+.pass { border-color: #009e73 } .fail, .not-measured { border-color: #d55e00 } .undecided { border-color: #e69f00 } .measured, .computed { border-color: #0072b2 }
 table { border-collapse: collapse; width: 100%; font-size: 9.5pt; font-variant-numeric: tabular-nums }
 th, td { text-align: right; padding: 1mm 2mm; border-bottom: 0.2mm solid #ccc; overflow-wrap: break-word }
-td:first-child { overflow-wrap: anywhere; min-width: 22mm } .wide { font-size: 7.5pt } .wide th, .wide td { padding: 0.7mm 1mm }
+td:first-child { overflow-wrap: anywhere; min-width: 22mm } td.words { overflow-wrap: anywhere; text-align: left } .wide { font-size: 7.5pt } .wide th, .wide td { padding: 0.7mm 1mm }
 th:first-child, td:first-child, .facts td { text-align: left } .facts td:first-child { width: 40mm }
 table + table { margin-top: 4mm }
 thead { display: table-header-group } tr, figure { break-inside: avoid }
@@ -27,6 +27,9 @@ figcaption { font-size: 9pt; color: #555 }
 
 /// Tables with more columns are set in smaller type.
 const WIDE: usize = 7;
+
+/// Longer cells are words, which may break anywhere rather than widen the table.
+const LONG: usize = 32;
 
 /// Pictures two abreast; one alone takes the whole width.
 pub fn pictures(figures: &str) -> String {
@@ -71,6 +74,7 @@ fn table_of(open: &str, head: &[&str], rows: impl Iterator<Item = Vec<String>>) 
         for cell in row {
             let class = match cell.as_str() {
                 word @ ("pass" | "fail" | "undecided") => format!(" class=\"{word}\""),
+                words if words.len() > LONG => " class=\"words\"".to_owned(),
                 _ => String::new(),
             };
             text += &format!("<td{class}>{}</td>", escape(&cell));

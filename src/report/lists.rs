@@ -4,6 +4,7 @@ use serde_json::{Map, Value};
 
 use super::numbers::unit;
 use super::{ballbar, history, thermal, words};
+use crate::uncertainty::text;
 
 /// Rows of a list beyond this many stay in the result's file.
 pub const MAX_ROWS: usize = 200;
@@ -31,7 +32,8 @@ pub fn lists(command: &str, result: &Value) -> Vec<List> {
         "thermal-fit" => return thermal::lists(result),
         _ => {}
     }
-    let Some(map) = result.as_object() else { return Vec::new() };
+    let sized = (command == "diagnose").then(|| with_uncertainties(result));
+    let Some(map) = sized.as_ref().unwrap_or(result).as_object() else { return Vec::new() };
     let vectors: Vec<Vec<String>> = (1..=4)
         .filter_map(|i| {
             let vector = map.get(&format!("i{i}_mm"))?.as_array()?;
@@ -90,6 +92,23 @@ pub fn lists(command: &str, result: &Value) -> Vec<List> {
         });
     let records = (command == "history").then(|| history::list(result));
     vectors.into_iter().chain(others).chain(records).collect()
+}
+
+/// A diagnosis with each parameter's uncertainty beside it, in as many digits as that has.
+fn with_uncertainties(result: &Value) -> Value {
+    let mut result = result.clone();
+    for effect in result.get_mut("effects").and_then(Value::as_array_mut).into_iter().flatten() {
+        let Some(effect) = effect.as_object_mut() else { continue };
+        let u95 = effect.shift_remove("parameters_u95").unwrap_or_default();
+        let Some(Value::Object(parameters)) = effect.get_mut("parameters") else { continue };
+        for (name, value) in parameters {
+            let sure = value.as_f64().zip(u95.get(name).and_then(Value::as_f64));
+            if let Some((number, u95)) = sure {
+                *value = text(number, u95).into();
+            }
+        }
+    }
+    result
 }
 
 fn capital(text: &str) -> String {

@@ -111,7 +111,8 @@ fn section(command: &str, result: &Value, advised: bool) -> (String, bool) {
     let mut text = String::new();
     let (verdict, sentence) = advice::verdict(command, result);
     text += &format!(
-        "<p class=\"verdict {verdict}\"><b>{}</b> {}</p>\n",
+        "<p class=\"verdict {}\"><b>{}</b> {}</p>\n",
+        verdict.replace(' ', "-"),
         result.get("verdict").and_then(Value::as_str).unwrap_or(verdict).to_uppercase(),
         escape(&sentence)
     );

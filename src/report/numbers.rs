@@ -81,18 +81,15 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
             }
             let u95 = u95_key(&key).and_then(|k| number(map, &k))?;
             let actual = value.as_f64()?;
-            let tolerance = (judged_key(command, map) == Some(key.as_str()))
-                .then(|| number(map, "tolerance_mm"))
-                .flatten();
+            let (tolerance, verdict) = judged(command, map, &key);
             Some(Characteristic {
-                name: axis_or_rod(result, label(&key)),
+                name: name_of(result, &key),
                 unit: unit(&key),
                 nominal: nominal(command, map, &key),
                 actual,
                 tolerance: tolerance.map_or(String::new(), |t| format!("≤ {t}")),
                 u95: Some(u95),
-                verdict: tolerance
-                    .and_then(|_| serde_json::from_value(map.get("verdict")?.clone()).ok()),
+                verdict,
             })
         })
         .collect();
@@ -124,7 +121,7 @@ pub fn characteristics(command: &str, result: &Value) -> Vec<Characteristic> {
         }
         let key = limit.get("key")?.as_str()?;
         Some(Characteristic {
-            name: format!("limit on {}", axis_or_rod(result, label(key))),
+            name: format!("limit on {}", name_of(result, key)),
             unit: unit(key),
             nominal: None,
             actual: bound("value")?,
@@ -211,14 +208,20 @@ fn plain(map: &Map<String, Value>, key: &str, name: &str) -> Option<Characterist
     Some(Characteristic::new(name.to_owned(), unit(key), number(map, key)?, None))
 }
 
-/// Which of a burn's two readings of concentricity the tolerance is held against.
-fn judged_key(command: &str, map: &Map<String, Value>) -> Option<&'static str> {
-    match (command, map.get("tolerance_kind").and_then(Value::as_str)) {
-        ("burn", Some("zone")) => Some("zone_mm"),
-        ("burn", _) => Some("distance_mm"),
-        ("rotary", _) => Some("summary.before_max_mm"),
-        _ => None,
-    }
+/// The limit that a value is held against, and whether it keeps it: of a burn's two readings of concentricity one.
+fn judged(command: &str, map: &Map<String, Value>, key: &str) -> (Option<f64>, Option<Verdict>) {
+    let (limit, verdict) = match (command, map.get("tolerance_kind").and_then(Value::as_str), key) {
+        ("burn", Some("zone"), "zone_mm") => ("tolerance_mm", map.get("verdict")),
+        ("burn", None | Some("distance"), "distance_mm")
+        | ("rotary", _, "summary.before_max_mm") => ("tolerance_mm", map.get("verdict")),
+        ("solve", _, "check_touch.difference_mm") => {
+            ("check_touch.limit_mm", map.get("check_touch").and_then(|c| c.get("verdict")))
+        }
+        _ => return (None, None),
+    };
+    let limit = number(map, limit);
+    let verdict = verdict.and_then(|v| serde_json::from_value(v.clone()).ok());
+    (limit, verdict.filter(|_| limit.is_some()))
 }
 
 fn nominal(command: &str, map: &Map<String, Value>, key: &str) -> Option<f64> {
@@ -272,11 +275,21 @@ pub fn refuse_text(key: &str, value: &Value) -> Result<()> {
     }
 }
 
-/// At one table angle a rod's centre stands for the C axis, and is called what it is.
-fn axis_or_rod(result: &Value, label: String) -> String {
-    match result.get("axis_separated") {
-        Some(Value::Bool(false)) => label.replacen("C axis", "rod's centre", 1),
-        _ => label,
+/// What a key's value is called: circles by their numbers, and at one table angle, where a rod's centre stands for the C axis, as the
+/// rod's.
+fn name_of(result: &Value, key: &str) -> String {
+    let mut parts = key.splitn(3, '.');
+    match [parts.next(), parts.next(), parts.next()] {
+        [Some("circles"), Some(n), Some(of)] => format!("circle {n} {}", label(of)),
+        [Some("pairs"), Some(n), Some(of)] => {
+            let pair = n.parse::<usize>().ok().and_then(|n| result.get("pairs")?.get(n));
+            let end = |key: &str| pair.and_then(|p| p.get(key)?.as_u64()).unwrap_or_default();
+            format!("circle {} to {}: {}", end("a"), end("b"), label(of))
+        }
+        _ => match result.get("axis_separated") {
+            Some(Value::Bool(false)) => label(key).replacen("C axis", "rod's centre", 1),
+            _ => label(key),
+        },
     }
 }
 
@@ -331,7 +344,7 @@ pub fn budgets(result: &Value) -> Vec<Budget> {
     for part in stated {
         let text = |key: &str| part.get(key).and_then(Value::as_str).unwrap_or("");
         let number = |key: &str| part.get(key).and_then(Value::as_f64).unwrap_or(f64::NAN);
-        let of = axis_or_rod(result, label(text("of")));
+        let of = name_of(result, text("of"));
         if budgets.last().is_none_or(|b| b.of != of) {
             budgets.push(Budget { of, rows: Vec::new() });
         }
