@@ -67,6 +67,13 @@ pub fn text(path: impl AsRef<Path>, most: u64) -> Result<String> {
 /// Bytes of `path` as text without a byte order mark.
 pub fn utf8(path: &Path, bytes: Vec<u8>) -> Result<String> {
     let mut text = String::from_utf8(bytes).map_err(|e| {
+        if image::guess_format(e.as_bytes()).is_ok() {
+            return Error::file(
+                path,
+                "is a picture, not a text",
+                "give the table or settings file that is wanted here",
+            );
+        }
         let line = Lines::new(e.as_bytes()).line_at(e.utf8_error().valid_up_to());
         Error::field(path, Some(line), "text", "is not UTF-8", "save the file as text in UTF-8")
     })?;

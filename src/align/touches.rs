@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use crate::error::{Error, Result};
 use crate::repeats;
 use crate::table::Table;
+use crate::units;
 
 /// Touches by kind.
 #[derive(Debug, Clone, Default)]
@@ -28,6 +29,7 @@ impl Touches {
     /// As [`Touches::read`], from a table.
     pub fn from_table(table: &Table) -> Result<Self> {
         let mut touches = Self::default();
+        touches.warnings.extend(units::travel("x_mm", &table.column("x_mm")?));
         for row in repeats::rows_once(table, &mut touches.warnings) {
             let p = Vector3::new(
                 table.number(row, "x_mm")?,

@@ -59,6 +59,16 @@ impl Data {
         if let Some(dir) = &dir {
             table.check_directions("dir", dir, &mut warnings)?;
         }
+        let has = |name: &str| (0..table.rows()).any(|row| table.text(row, "path") == name);
+        if let Some((name, _)) = options.paths.iter().find(|(name, _)| !has(name)) {
+            let reason =
+                format!("names path '{name}', which no row of {} has", table.path().display());
+            return Err(Error::option(
+                "--path",
+                reason,
+                "give a name that stands in its column 'path'",
+            ));
+        }
         for row in 0..table.rows() {
             let name = table.text(row, "path");
             let key = match &shifts {

@@ -157,6 +157,8 @@ impl Problem<'_> {
         own_u95: &impl Fn(usize) -> f64,
     ) -> Result<Option<String>> {
         const ONE_UM: f64 = 1e-3;
+        /// Parts of an interval by which it moves no error to speak of.
+        const SHOWS: f64 = 0.01;
         if !self.data.goes_one_way() {
             return Ok(None);
         }
@@ -169,7 +171,7 @@ impl Problem<'_> {
         });
         let beyond = |&(i, moved): &(usize, f64)| moved / own_u95(i);
         let worst = moved.max_by(|a, b| beyond(a).total_cmp(&beyond(b)));
-        Ok(worst.map(|(i, moved)| {
+        Ok(worst.filter(|worst| beyond(worst) > SHOWS).map(|(i, moved)| {
             let (name, unit) = ERRORS[i];
             format!(
                 "B goes one way only: a backlash of B or Z looks like the errors and is in no interval (1 µm moves {name} by up to \

@@ -138,7 +138,8 @@ fn run_with(
     let finish = |items: &[Item]| summary::written(options, items, &journal, before, meanwhile);
     let items = match options.watch {
         Some(watch) => {
-            watch::folder(&options.input, kind, watch, meanwhile, &journal, |ready, items| {
+            let folders = (options.input.as_str(), options.out.as_path());
+            watch::folder(folders, kind, watch, meanwhile, &journal, |ready, items| {
                 measure_all(ready).and_then(|()| finish(items)).map(drop)
             })?
         }

@@ -11,10 +11,10 @@ use super::journal::Journal;
 use super::{Item, Meanwhile, Watch, lock, pending};
 use crate::error::{Error, Result};
 
-/// Gives what is complete to `measure`, with all that is there, until nothing comes any more or the batch is told to end; returns all that
+/// Of the folder `name` (its batch writes to `out`), gives what is complete to `measure`, with all that is there, until nothing comes any more or the batch is told to end; returns all that
 /// is there.
 pub(super) fn folder(
-    name: &str,
+    (name, out): (&str, &Path),
     kind: Kind,
     watch: Watch,
     meanwhile: Meanwhile,
@@ -24,7 +24,18 @@ pub(super) fn folder(
     let (mut settling, mut last) = (Settling::new(watch.settle), Instant::now());
     let is_there = || Path::new(name).is_dir();
     let mut there = is_there();
+    let changed = || std::fs::metadata(name).and_then(|meta| meta.modified()).ok();
+    let (mut looked, mut passed_over) = (changed(), input::passed_over(name, out, kind));
     loop {
+        if looked != changed() {
+            looked = changed();
+            let now = input::passed_over(name, out, kind);
+            now.iter()
+                .filter(|now| passed_over.as_ref() != Some(now))
+                .cloned()
+                .for_each(meanwhile.say);
+            passed_over = now;
+        }
         if there != is_there() {
             there = !there;
             // A share that is unmounted, a camera's card that is pulled.

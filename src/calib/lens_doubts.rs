@@ -46,13 +46,16 @@ pub(super) fn doubts(
         Vector2::new(f64::from(lens.width_px) - 1.0, f64::from(lens.height_px) - 1.0),
     ];
     let radius = |p: Vector2<f64>| camera.to_plane(p).norm();
-    let far = corners.iter().map(|&c| radius(c)).fold(0.0, f64::max);
     let reached = seen.iter().map(|s| radius(s.pixel)).fold(0.0, f64::max);
-    if coverage < 0.7 || reached < 0.8 * far {
+    // In the picture itself: where the fitted polynomial turns, radii beyond it in the plane mean nothing.
+    let principal = Vector2::new(lens.cx_px, lens.cy_px);
+    let far_px = corners.iter().map(|c| (c - principal).norm()).fold(0.0, f64::max);
+    let reached_px = seen.iter().map(|s| (s.pixel - principal).norm()).fold(0.0, f64::max);
+    if coverage < 0.7 || reached_px < 0.8 * far_px {
         warnings.push(format!(
             "the target was seen in {:.0} % of the frame and out to {:.0} % of its corners: beyond, the distortion is extrapolated; move the target into the corners",
             100.0 * coverage,
-            100.0 * reached / far
+            100.0 * reached_px / far_px
         ));
     }
     for p in parameters {

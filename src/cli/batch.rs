@@ -44,10 +44,10 @@ pub struct Args {
     #[arg(long)]
     watch: bool,
     /// With --watch: a file unchanged for so long is complete
-    #[arg(long, value_name = "S", default_value_t = 1.0)]
+    #[arg(long, requires = "watch", value_name = "S", default_value_t = 1.0)]
     settle_s: f64,
     /// With --watch: end when nothing new came for so long (default: never)
-    #[arg(long, value_name = "S")]
+    #[arg(long, requires = "watch", value_name = "S")]
     idle_s: Option<f64>,
 }
 

@@ -35,25 +35,25 @@ struct FitArgs {
     #[arg(long, value_name = "SCREW.csv")]
     screw: Option<PathBuf>,
     /// At most this many head sensors; more in the file are selected from
-    #[arg(long, value_name = "N", default_value_t = head::MOST_SENSORS)]
+    #[arg(long, requires = "head", value_name = "N", default_value_t = head::MOST_SENSORS)]
     max_sensors: usize,
     /// Select sensors even if the file has no more than that
-    #[arg(long)]
+    #[arg(long, requires = "head")]
     select: bool,
     /// Temperatures of the cold head, one for each sensor (default: readings are rises above it)
-    #[arg(long, value_name = "C,C,...", value_delimiter = ',')]
+    #[arg(long, requires = "head", value_name = "C,C,...", value_delimiter = ',')]
     cold_c: Vec<f64>,
     /// Whether a constant is fitted beside the head sensors
-    #[arg(long, value_enum, default_value = "auto")]
+    #[arg(long, requires = "head", value_enum, default_value = "auto")]
     constant: head::Constant,
     /// Axes the head's displacement acts on (default: all, as the source has it)
-    #[arg(long, value_name = "AXIS,...", value_delimiter = ',')]
+    #[arg(long, requires = "head", value_name = "AXIS,...", value_delimiter = ',')]
     head_axes: Vec<String>,
     /// Reference position of an axis, for example x=0 (default: where the error lines meet)
-    #[arg(long, value_name = "AXIS=MM", value_delimiter = ',', value_parser = pair)]
+    #[arg(long, requires = "screw", value_name = "AXIS=MM", value_delimiter = ',', value_parser = pair)]
     p0_mm: Vec<(String, f64)>,
     /// Temperature at which an axis' slope is zero (default: from the data)
-    #[arg(long, value_name = "AXIS=C", value_delimiter = ',', value_parser = pair)]
+    #[arg(long, requires = "screw", value_name = "AXIS=C", value_delimiter = ',', value_parser = pair)]
     t0_c: Vec<(String, f64)>,
     /// Write thermal.svg to DIR
     #[arg(long, value_name = "DIR")]

@@ -30,25 +30,25 @@ pub struct Args {
     data: Option<PathBuf>,
     /// The machine file whose values the control held during the sweep; the machine's own where
     /// left out
-    #[arg(long, value_name = "FILE", requires = "data")]
+    #[arg(long, value_name = "FILE", conflicts_with = "plan")]
     now: Option<PathBuf>,
     /// Largest deviation allowed
-    #[arg(long, value_name = "MM", default_value_t = 0.015)]
+    #[arg(long, value_name = "MM", default_value_t = 0.015, conflicts_with = "plan")]
     tolerance_mm: f64,
     /// Standard uncertainty of a measured component (default: from poses measured again, else 0.001)
-    #[arg(long, value_name = "MM")]
+    #[arg(long, value_name = "MM", conflicts_with = "plan")]
     noise_mm: Option<f64>,
     /// Write a plot per axis into this folder
-    #[arg(long, value_name = "DIR", requires = "data")]
+    #[arg(long, value_name = "DIR", conflicts_with = "plan")]
     report: Option<PathBuf>,
     /// Write the sweep to measure into this folder, as poses.csv and sweep.nc
     #[arg(long, value_name = "DIR")]
     plan: Option<PathBuf>,
     /// With --plan: the control the program is for
-    #[arg(long, value_enum, default_value = "siemens", requires = "plan")]
+    #[arg(long, value_enum, default_value = "siemens", conflicts_with = "data")]
     control: Control,
     /// With --plan: number of different poses
-    #[arg(long, value_name = "N", default_value_t = 40, requires = "plan")]
+    #[arg(long, value_name = "N", default_value_t = 40, conflicts_with = "data")]
     poses: usize,
 }
 

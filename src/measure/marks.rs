@@ -59,7 +59,17 @@ pub(super) fn measure(
             Some(_) => {}
         }
     }
-    found.or_else(|| tried.line_alone()).ok_or_else(|| tried.error(subject))
+    if let Some(marks) = found.or_else(|| tried.line_alone()) {
+        return Ok(marks);
+    }
+    let elsewhere = match near_mm {
+        Some(near_mm) if tried.lone.is_empty() => {
+            let whole = Scene::new(frame, view, &look, None);
+            whole.rings().all.first().map(|ring| none_near(subject, view, near_mm, ring))
+        }
+        _ => None,
+    };
+    Err(elsewhere.unwrap_or_else(|| tried.error(subject)))
 }
 
 /// Whether the spot may be a chip in a hole, or dirt.
@@ -311,6 +321,20 @@ fn warnings(ring: &Ring, spot: &Ring) -> Vec<String> {
     let gap = (seen < 60.0).then(|| format!("only {seen:.0} % of the ring's edge was found"));
     let clipped = [("ring", ring), ("spot", spot)].map(|(name, mark)| mark.clip_warning(name));
     gap.into_iter().chain(clipped.into_iter().flatten()).collect()
+}
+
+/// No ring about the place that was asked for, but something like one elsewhere.
+fn none_near(subject: &str, view: &View, near_mm: [f64; 2], ring: &Candidate) -> Error {
+    let [x, y] = near_mm;
+    let seen_mm = view.to_plane(ring.circle.center);
+    let place = format!("{:.2},{:.2}", seen_mm.x, seen_mm.y);
+    Error::measure(
+        subject,
+        format!("no ring was found near {x},{y} mm; the clearest circle lies about {place} mm"),
+        format!(
+            "leave --near-mm out, or give the place of the burn that is meant, as --near-mm {place}"
+        ),
+    )
 }
 
 fn two_burns(subject: &str, view: &View, a: Vector2<f64>, b: Vector2<f64>) -> Error {

@@ -155,7 +155,10 @@ impl Series {
                 "step",
                 last - mean,
                 (u.hypot(last_u95 / K95) * scatter.excess, scatter.dof),
-                format!("the newest differs from the {} before by", before.len()),
+                match before.len() {
+                    1 => "the newest differs from the one before by".into(),
+                    n => format!("the newest differs from the {n} before by"),
+                },
             );
         }
         if let Some((slope, u, scatter)) = line(&points) {
@@ -204,7 +207,7 @@ pub fn figure(series: &[Series]) -> Figure {
     series.iter().fold(Figure::new("History").columns(2), |figure, s| figure.panel(s.panel()))
 }
 
-/// Weighted mean, its standard uncertainty, and the scatter. Needs two points with an uncertainty.
+/// Weighted mean, its standard uncertainty, and the scatter, which one point does not show.
 fn constant(points: &[(f64, f64, f64)]) -> Option<(f64, f64, Scatter)> {
     let weights = weights(points)?;
     let sum: f64 = weights.iter().sum();
@@ -243,16 +246,16 @@ struct Scatter {
 impl Scatter {
     fn of(chi2: f64, dof: usize) -> Self {
         let dof = dof as f64;
-        match ln_chi2_tail(chi2, dof) < SCATTERED.ln() {
+        match dof > 0.0 && ln_chi2_tail(chi2, dof) < SCATTERED.ln() {
             true => Self { excess: (chi2 / dof).sqrt(), dof },
             false => Self { excess: 1.0, dof: f64::INFINITY },
         }
     }
 }
 
-/// 1/u² of every point; `None` with fewer than two points.
+/// 1/u² of every point; `None` without any.
 fn weights(points: &[(f64, f64, f64)]) -> Option<Vec<f64>> {
-    (points.len() >= 2).then(|| points.iter().map(|p| (K95 / p.2).powi(2)).collect())
+    (!points.is_empty()).then(|| points.iter().map(|p| (K95 / p.2).powi(2)).collect())
 }
 
 #[cfg(test)]
@@ -294,6 +297,12 @@ mod tests {
         }
         assert!(alarms(&|t| 214.7 + if t > 10.5 { 0.006 } else { 0.0 }, "step", &mut rng) >= 290);
         assert!(alarms(&|t| 214.7 + 0.0008 * t, "trend", &mut rng) >= 290);
+        // Of two values the intervals alone tell.
+        let two = |by: f64| {
+            let step = made(2, |t| 214.7 + by * t, &mut rand_chacha::ChaCha8Rng::seed_from_u64(3));
+            step.drift().len()
+        };
+        assert_eq!((two(0.0), two(0.05)), (0, 1));
         // Values that scatter five times as much as they say raise no more, but for few, which tell little of how they scatter.
         let scattered = |n: usize, rng: &mut rand_chacha::ChaCha8Rng| {
             let mut series = made(n, |_| 214.7, rng);

@@ -26,7 +26,7 @@ pub struct Args {
     #[arg(long, value_name = "D")]
     diameter_mm: Option<f64>,
     /// Half-width of the known diameter's 95 % interval
-    #[arg(long, value_name = "U", default_value_t = 0.0)]
+    #[arg(long, requires = "diameter_mm", value_name = "U", default_value_t = 0.0)]
     diameter_u95_mm: f64,
     /// Largest deviation with which the calibration still holds
     #[arg(long, value_name = "MM", default_value_t = 0.01)]

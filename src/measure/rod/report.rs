@@ -65,7 +65,7 @@ pub struct CaptureReport {
     pub arc_used: f64,
     /// Mean radial residual; of a capture that is left out, of all its edge points.
     pub residual_mean_mm: f64,
-    /// Root mean square of the radial residuals.
+    /// Root mean square of its edge points' radial residuals: their noise counts here, and hardly in `form_rms_mm`.
     pub residual_rms_mm: f64,
 }
 
@@ -88,7 +88,8 @@ pub struct Report {
     pub diameter_mm: f64,
     /// Half-width of its 95 % interval.
     pub diameter_u95_mm: f64,
-    /// Root mean square of the form deviation.
+    /// Root mean square of the form deviation: of what steps along the rim leave over, each the mean of its edge points, with every capture
+    /// where it seems to be.
     pub form_rms_mm: f64,
     /// Standard deviation (each axis) of the captures' places against the machine's positions; 0 where they agree.
     pub position_scatter_mm: f64,
