@@ -15,9 +15,6 @@ use crate::error::{Error, Result};
 use crate::machine::DataKind;
 use crate::output::Document;
 
-/// Places of captures to take next that are printed at most.
-const PLACES_SHOWN: usize = 30;
-
 /// Find where simulation and measurement part, and name what is missing
 #[derive(Debug, ClapArgs)]
 pub struct Args {
@@ -204,14 +201,12 @@ fn table(r: &Report) -> String {
     }
     if let Some(next) = &r.next_measurement {
         let _ = writeln!(t, "next      {}", next.text);
-        let places = next.places();
-        let shown = if places.len() > PLACES_SHOWN + 1 { PLACES_SHOWN } else { places.len() };
-        for row in &places[..shown] {
+        let (places, more) = next.places();
+        for row in &places {
             let cells: String = row.iter().map(|cell| format!(" {cell:>12}")).collect();
             let _ = writeln!(t, "         {cells}");
         }
-        if shown < places.len() {
-            let more = places.len() - shown;
+        if more > 0 {
             let _ = writeln!(t, "          and {more} more: --write-next FILE writes them all");
         }
     }

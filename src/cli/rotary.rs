@@ -39,7 +39,7 @@ pub struct Args {
     #[arg(long)]
     incremental: bool,
     /// Angle of the reference position, where an incremental table is zero
-    #[arg(long, requires = "incremental", value_name = "DEG", default_value_t = 0.0)]
+    #[arg(long, value_name = "DEG", default_value_t = 0.0)]
     reference_deg: f64,
     /// Write the new table to FILE
     #[arg(long, value_name = "FILE")]

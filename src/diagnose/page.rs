@@ -71,9 +71,13 @@ pub fn html(experiment: &dyn Experiment, r: &Report) -> String {
     body += &table(&["µm rms", "Before", "After"], lines.into_iter());
     if let Some(next) = &r.next_measurement {
         body += &format!("<h2>Measure next</h2>\n<p>{}</p>\n", escape(&next.text));
-        let mut places = next.places().into_iter();
+        let (places, more) = next.places();
+        let mut places = places.into_iter();
         if let Some(head) = places.next() {
             body += &table(&head.iter().map(String::as_str).collect::<Vec<_>>(), places);
+        }
+        if more > 0 {
+            body += &format!("<p>And {more} more: --write-next FILE writes them all.</p>\n");
         }
     }
     let varies = |v: &&Variable| {

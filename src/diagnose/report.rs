@@ -136,8 +136,10 @@ pub struct NextMeasurement {
 }
 
 impl NextMeasurement {
-    /// The captures for people: each place once, with how often it is to be measured.
-    pub fn places(&self) -> Vec<Vec<String>> {
+    /// The captures for people: each place once, with how often it is to be measured; and how many more places there are.
+    pub fn places(&self) -> (Vec<Vec<String>>, usize) {
+        /// Lines of a table that somebody reads.
+        const MOST: usize = 30;
         let mut places: Vec<(Vec<String>, usize)> = Vec::new();
         for row in self.rows() {
             match places.iter_mut().find(|(known, _)| *known == row) {
@@ -145,11 +147,13 @@ impl NextMeasurement {
                 None => places.push((row, 1)),
             }
         }
+        let more = places.len().saturating_sub(MOST);
+        places.truncate(MOST);
         let row = |(k, (mut row, times)): (usize, (Vec<String>, usize))| {
             row.push(if k == 0 { "times".to_owned() } else { times.to_string() });
             row
         };
-        places.into_iter().enumerate().map(row).collect()
+        (places.into_iter().enumerate().map(row).collect(), more)
     }
 
     /// The captures as rows of text under the names of their columns.

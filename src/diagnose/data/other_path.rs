@@ -30,14 +30,11 @@ impl OtherPath {
             (true, false) => Kind::Zb,
             _ => return None,
         };
-        let place_mm = first.place_mm.component_mul(&Vector3::new(1.0, 0.0, 1.0));
-        let bar_mm = (first.bar_mm.powi(2) - first.place_mm.y.powi(2)).max(0.0).sqrt();
-        let cup = Cup { place_mm, bar_mm, side_assumed: false, y_is_free: false };
-        Some(Self { kind, head: data.head, cup, z_sense: data.z_sense })
+        Some(Self { kind, head: data.head, cup: *first, z_sense: data.z_sense })
     }
 
     fn name(&self) -> String {
-        Path { kind: self.kind, ..Path::SOURCE }.name()
+        Path { kind: self.kind, cup_y_mm: self.cup.place_mm.y.round(), ..Path::SOURCE }.name()
     }
 
     /// Its captures at these angles as far as the bar reaches, in this direction.
@@ -67,7 +64,8 @@ impl OtherPath {
         const LEAST: f64 = 0.25;
         let from_cup = turned(b_deg.to_radians(), self.head) - self.cup.place_mm;
         let reach = |across_mm: f64| {
-            let along_mm = (self.cup.bar_mm.powi(2) - across_mm.powi(2)).max(0.0).sqrt();
+            let across_mm2 = across_mm.powi(2) + self.cup.place_mm.y.powi(2);
+            let along_mm = (self.cup.bar_mm.powi(2) - across_mm2).max(0.0).sqrt();
             (along_mm > LEAST * self.cup.bar_mm).then_some(along_mm)
         };
         match self.kind {
@@ -82,7 +80,7 @@ impl OtherPath {
         }
     }
 
-    /// Adds the path to the data; its cup is a place of its own.
+    /// Adds the path to the data; its cup may have been put down anew.
     pub fn join(&self, data: &mut Columns, nuisances: &mut Vec<Parameter>) {
         nuisances.extend(of_cup(&self.cup, &self.name()));
         data.cups.push(self.cup);

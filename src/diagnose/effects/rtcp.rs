@@ -59,7 +59,7 @@ fn head_constants(l: &mut L) {
             "pivot-offset-x",
             "the nozzle is off the B axis by ΔX + this",
             "dz against sin B",
-            "B from -90 to +90 at one C, with two very different tool lengths",
+            "B from -90 to +90 at one C, in runs with two very different tool lengths",
         ),
         None,
     );
@@ -69,7 +69,7 @@ fn head_constants(l: &mut L) {
             "pivot-length",
             "the B axis is R + this above the nozzle",
             "dx against sin B",
-            "B from -90 to +90 at one C, with two very different tool lengths",
+            "B from -90 to +90 at one C, in runs with two very different tool lengths",
         ),
         None,
     );
@@ -79,7 +79,7 @@ fn head_constants(l: &mut L) {
             "b-zero",
             "B reads zero where it is not",
             "dx at all B",
-            "two very different tool lengths; a burn test",
+            "runs with two very different tool lengths; a burn test",
         ),
         None,
     );

@@ -131,7 +131,7 @@ fn c_motion(l: &mut L, turns: Option<Untestable>) {
             "target-runout",
             "the target runs out as the table turns, beyond its place",
             "dx and dy against C, turning backwards",
-            "the target indicated in place; a second target",
+            "the target indicated in place; a run with a second target",
         ),
         turns,
     );
