@@ -9,7 +9,7 @@ use std::path::Path;
 use common::{BAR, class, diagnose, normal, run};
 use serde_json::Value;
 
-/// Simulates `of` with these machine and effects, as a table without its first line where it is to be added to another.
+/// What `real.toml` shows of a table of what is commanded.
 fn simulated(folder: &Path, kind: &str, of: &str, noise_mm: &str, seed: &str) -> String {
     let files = ["simulate", kind, "--model", "real.toml", "--data", of, "--format", "csv"];
     let output = run(&[&files[..], &["--noise-mm", noise_mm, "--seed", seed]].concat(), folder);
@@ -17,10 +17,15 @@ fn simulated(folder: &Path, kind: &str, of: &str, noise_mm: &str, seed: &str) ->
     String::from_utf8(output.stdout).unwrap()
 }
 
-fn column(csv: &str, name: &str) -> Vec<String> {
+/// The rows of a table in these columns.
+fn rows(csv: &str, names: &[&str]) -> Vec<String> {
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
-    let at = reader.headers().unwrap().iter().position(|n| n == name).unwrap();
-    reader.records().map(|row| row.unwrap()[at].to_owned()).collect()
+    let header = reader.headers().unwrap().clone();
+    let at = |name: &&str| header.iter().position(|n| n == *name).unwrap();
+    let places: Vec<usize> = names.iter().map(at).collect();
+    let row =
+        |row: csv::StringRecord| places.iter().map(|k| &row[*k]).collect::<Vec<_>>().join(",");
+    reader.records().map(|record| row(record.unwrap())).collect()
 }
 
 /// Z's own errors and the pivot's are one on the path that moves Z: the sweep that moves X instead parts them.
@@ -57,19 +62,10 @@ fn a_path_of_x_parts_what_one_of_z_confuses() {
             run(&[&files[..], &["--write-next", "next.csv"]].concat(), folder).status.success()
         );
         let asked = std::fs::read_to_string(folder.join("next.csv")).unwrap();
-        assert!(column(&asked, "path").iter().all(|path| path == "xb"), "{asked}");
-        let both: String = ["path", "b_deg", "x_mm", "z_mm", "dir"]
-            .map(|name| [column(&plan, name), column(&asked, name)].concat())
-            .into_iter()
-            .fold(Vec::<String>::new(), |rows, column| {
-                let rows = if rows.is_empty() { vec![String::new(); column.len()] } else { rows };
-                rows.into_iter().zip(column).map(|(row, cell)| format!("{row}{cell},")).collect()
-            })
-            .iter()
-            .map(|row| format!("{}\n", row.trim_end_matches(',')))
-            .collect();
-        std::fs::write(folder.join("all.csv"), format!("path,b_deg,x_mm,z_mm,dir\n{both}"))
-            .unwrap();
+        assert!(rows(&asked, &["path"]).iter().all(|path| path == "xb"), "{asked}");
+        let names = ["path", "b_deg", "x_mm", "z_mm", "dir"];
+        let all = [vec![names.join(",")], rows(&plan, &names), rows(&asked, &names)].concat();
+        std::fs::write(folder.join("all.csv"), all.join("\n")).unwrap();
         let after = simulated(folder, "ballbar", "all.csv", "0.0006", "2");
         std::fs::write(folder.join("data.csv"), after).unwrap();
         let report = diagnose("ballbar", folder);

@@ -1,7 +1,7 @@
 //! `pivotsight diagnose`: what the machine model lacks, by name where the evidence allows it.
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Args as ClapArgs;
 
@@ -73,25 +73,24 @@ pub struct Planned {
     detectable: Vec<Detectable>,
 }
 
-/// Refuses what is of a rod alone where nothing is done with it.
-pub(super) fn is_of_rod(
-    kind: DataKind,
-    calib: Option<&Path>,
-    diameter_mm: Option<f64>,
-) -> Result<()> {
-    let options = [("--calib", calib.is_some()), ("--diameter-mm", diameter_mm.is_some())];
-    match options.into_iter().find(|(_, given)| *given && kind != DataKind::Rod) {
-        Some((option, _)) => {
-            let reason = format!("is not used for {} data", kind.name());
-            Err(Error::option(option, reason, "leave it out, it is for rod"))
-        }
-        None => Ok(()),
-    }
+/// Refuses options that are of another kind of data: each with its kind and whether it is given.
+pub(super) fn is_of_kind(kind: DataKind, options: &[(&str, DataKind, bool)]) -> Result<()> {
+    let other = options.iter().find(|(_, of, given)| *given && *of != kind);
+    other.map_or(Ok(()), |(option, of, _)| {
+        let reason = format!("is not used for {} data", kind.name());
+        Err(Error::option(*option, reason, format!("leave it out, it is for {}", of.name())))
+    })
 }
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    is_of_rod(args.kind, args.calib.as_deref(), args.diameter_mm)?;
+    is_of_kind(
+        args.kind,
+        &[
+            ("--calib", DataKind::Rod, args.calib.is_some()),
+            ("--diameter-mm", DataKind::Rod, args.diameter_mm.is_some()),
+        ],
+    )?;
     let source = Source {
         kind: args.kind,
         data: args.data.clone(),

@@ -4,10 +4,11 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
+use crate::cli::diagnose::is_of_kind;
 use crate::cli::{Global, Outcome, result};
 use crate::diagnose::load::Source;
 use crate::diagnose::simulate::{Options, Simulated, simulate};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::machine::DataKind;
 use crate::output::{Document, Format, csv_text};
 
@@ -57,11 +58,14 @@ const LABELS: [&str; 3] = ["axis", "capture", "path"];
 
 /// Runs the command.
 pub fn run(args: &Args, global: &Global) -> Result<Outcome> {
-    super::diagnose::is_of_rod(args.kind, args.calib.as_deref(), args.diameter_mm)?;
-    if args.now.is_some() && args.kind != DataKind::Rtcp {
-        let reason = format!("is not used for {} data", args.kind.name());
-        return Err(Error::option("--now", reason, "leave it out, it is for rtcp"));
-    }
+    is_of_kind(
+        args.kind,
+        &[
+            ("--calib", DataKind::Rod, args.calib.is_some()),
+            ("--diameter-mm", DataKind::Rod, args.diameter_mm.is_some()),
+            ("--now", DataKind::Rtcp, args.now.is_some()),
+        ],
+    )?;
     let made = simulate(&Options {
         source: Source {
             kind: args.kind,

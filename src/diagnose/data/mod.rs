@@ -60,6 +60,11 @@ pub fn show(present: &[(&str, &[f64])], name: &str) -> Option<Untestable> {
     need(present, &[name]).filter(|u| !u.predictable || present.iter().any(zero))
 }
 
+/// Equal steps over a range.
+pub fn evenly(low: f64, high: f64, count: usize) -> Vec<f64> {
+    (0..count).map(|k| low + (high - low) * k as f64 / (count - 1).max(1) as f64).collect()
+}
+
 /// Time from one capture to the next.
 pub fn pace_s(t_s: &[f64]) -> f64 {
     let (low, high) = crate::fit::robust::range(t_s);

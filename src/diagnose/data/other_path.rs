@@ -6,7 +6,9 @@ use crate::ballbar::{Kind, Path};
 use crate::diagnose::data::ballbar::{of_cup, turned};
 use crate::diagnose::data::columns::Columns;
 use crate::diagnose::data::cups::Cup;
+use crate::diagnose::data::evenly;
 use crate::diagnose::experiment::{Parameter, PlannedCapture, Setting};
+use crate::fit::robust::range;
 
 /// A path beside those of the data.
 #[derive(Debug, Clone)]
@@ -37,25 +39,40 @@ impl OtherPath {
         Path { kind: self.kind, cup_y_mm: self.cup.place_mm.y.round(), ..Path::SOURCE }.name()
     }
 
-    /// Its captures at these angles as far as the bar reaches, in this direction.
-    pub fn captures(&self, angles_deg: &[f64], dir: Option<f64>) -> Vec<PlannedCapture> {
-        let at = |b_deg: &f64| {
-            let [x_mm, z_mm] = self.place(*b_deg)?;
-            let mut capture = PlannedCapture::default()
-                .with("b_deg", *b_deg)
-                .with("x_mm", x_mm)
-                .with("z_mm", self.z_sense * z_mm);
-            capture.0.insert("path", Setting::Name(self.name()));
-            Some(match dir {
-                Some(dir) => capture.with("dir", dir),
-                None => capture,
-            })
+    /// A sweep of it over the angles of the data, as far as the bar reaches; there and back where the data go both ways.
+    pub fn sweep(&self, data: &Columns) -> Vec<PlannedCapture> {
+        /// Rows each way: as many as the data have, within this.
+        const ROWS: (usize, usize) = (31, 181);
+        let (low, high) = range(data.get("b_deg"));
+        let dirs: &[Option<f64>] = match data.get("dir") {
+            [] => &[None],
+            _ => &[Some(1.0), Some(-1.0)],
         };
-        let mut list: Vec<PlannedCapture> = angles_deg.iter().filter_map(at).collect();
-        if dir == Some(-1.0) {
-            list.reverse();
-        }
-        list
+        let rows = data.series.len() / (dirs.len() * data.cups.len());
+        let angles = evenly(low, high, rows.clamp(ROWS.0, ROWS.1));
+        let one_way = |dir: &Option<f64>| {
+            let mut list: Vec<PlannedCapture> =
+                angles.iter().filter_map(|b_deg| self.capture(*b_deg, *dir)).collect();
+            if *dir == Some(-1.0) {
+                list.reverse();
+            }
+            list
+        };
+        dirs.iter().flat_map(one_way).collect()
+    }
+
+    /// The capture at an angle; none where the bar reaches its end.
+    fn capture(&self, b_deg: f64, dir: Option<f64>) -> Option<PlannedCapture> {
+        let [x_mm, z_mm] = self.place(b_deg)?;
+        let mut capture = PlannedCapture::default()
+            .with("b_deg", b_deg)
+            .with("x_mm", x_mm)
+            .with("z_mm", self.z_sense * z_mm);
+        capture.0.insert("path", Setting::Name(self.name()));
+        Some(match dir {
+            Some(dir) => capture.with("dir", dir),
+            None => capture,
+        })
     }
 
     /// X and Z (upwards) at a B angle, as `ballbar plan` has them; none where the bar reaches its end.
@@ -85,9 +102,8 @@ impl OtherPath {
         nuisances.extend(of_cup(&self.cup, &self.name()));
         data.cups.push(self.cup);
         data.series_names.push(self.name());
+        // Z has its column in any case; without one X stood at zero.
         let rows = data.series.len();
-        for name in ["x_mm", "z_mm"] {
-            data.numbers.entry(name).or_insert_with(|| vec![0.0; rows]);
-        }
+        data.numbers.entry("x_mm").or_insert_with(|| vec![0.0; rows]);
     }
 }

@@ -284,7 +284,7 @@ impl Experiment for PlainExperiment {
     }
 
     fn other_sweep(&self) -> Vec<PlannedCapture> {
-        self.sweep_of_another_path()
+        OtherPath::of(&self.data).map_or_else(Vec::new, |other| other.sweep(&self.data))
     }
 
     fn with_plan(&self, plan: &[PlannedCapture]) -> Box<dyn Experiment> {

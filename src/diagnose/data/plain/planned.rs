@@ -1,8 +1,7 @@
 //! What could be measured next of an axis, a path or by burns.
 
 use super::PlainExperiment;
-use crate::diagnose::data::other_path::OtherPath;
-use crate::diagnose::data::{pace_s, times_to_come};
+use crate::diagnose::data::{evenly, pace_s, times_to_come};
 use crate::diagnose::experiment::{PlannedCapture, Setting};
 use crate::fit::robust::range;
 
@@ -79,25 +78,4 @@ impl PlainExperiment {
         }
         evenly(low, high, if high > low { PLANNED_STEPS } else { 1 })
     }
-
-    /// A sweep of a path that a ball bar's data lack.
-    pub(super) fn sweep_of_another_path(&self) -> Vec<PlannedCapture> {
-        /// Rows each way: as many as the data have, within this.
-        const ROWS: (usize, usize) = (31, 181);
-        let Some(other) = OtherPath::of(&self.data) else { return Vec::new() };
-        let (low, high) = range(self.data.get("b_deg"));
-        let dirs: &[Option<f64>] = match self.data.get("dir") {
-            [] => &[None],
-            _ => &[Some(1.0), Some(-1.0)],
-        };
-        let sweeps = dirs.len() * self.data.cups.len();
-        let rows = (self.data.series.len() / sweeps).clamp(ROWS.0, ROWS.1);
-        let angles = evenly(low, high, rows);
-        dirs.iter().flat_map(|dir| other.captures(&angles, *dir)).collect()
-    }
-}
-
-/// Equal steps over a range.
-fn evenly(low: f64, high: f64, count: usize) -> Vec<f64> {
-    (0..count).map(|k| low + (high - low) * k as f64 / (count - 1).max(1) as f64).collect()
 }
