@@ -140,3 +140,48 @@ fn z_lags_behind_where_it_turns_back_too() {
     let width = &report["effects"][0]["parameters"]["came_width_mm"];
     assert!((width.as_f64().unwrap() - 0.006).abs() < 4e-4, "{width}");
 }
+
+/// Rows of two paths there and back, `turns` times, with what their bars' lengths are wrong by and noise.
+fn two_paths(folder: &Path, off_mm: [f64; 2], noise_mm: f64, turns: usize) -> String {
+    let mut normal = normal();
+    let mut csv = String::from("path,b_deg,x_mm,z_mm,length_mm,dir\n");
+    for (path, off_mm) in ["zb", "zb-y150"].into_iter().zip(off_mm) {
+        let rows = planned(folder, path, &["--steps", "60"]);
+        for _ in 0..turns {
+            for (row, dir) in rows.iter().map(|r| (r, -1)).chain(rows.iter().rev().map(|r| (r, 1)))
+            {
+                let (place, length) = row.rsplit_once(',').unwrap();
+                let length = length.parse::<f64>().unwrap() + off_mm + noise_mm * normal();
+                writeln!(csv, "{place},{length:.6},{dir}").unwrap();
+            }
+        }
+    }
+    csv
+}
+
+/// A longer path has another bar, whose length is wrong by itself.
+#[test]
+fn each_bar_is_off_by_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = answer("ballbar", BAR, &two_paths(folder.path(), [0.003, -0.003], 0.0003, 2));
+    assert_eq!(report["verdict"], "consistent", "{}", report["effects"]);
+}
+
+/// Two backlashes that undo each other show together alone.
+#[test]
+fn names_that_hide_each_other_are_found() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    std::fs::write(folder.join("data.csv"), two_paths(folder, [0.0; 2], 0.0, 3)).unwrap();
+    let effects = "[[effects]]\nname = \"b-backlash\"\nparameters = { width_deg = 0.00025 }\n\n\
+                   [[effects]]\nname = \"z-backlash\"\nparameters = { width_mm = 0.0018 }\n";
+    simulated(folder, &format!("{BAR}{effects}"), "0.001");
+    let csv = std::fs::read_to_string(folder.join("data.csv")).unwrap();
+    let report = answer("ballbar", BAR, &csv);
+    let effects = report["effects"].as_array().unwrap();
+    let is_named = |name: &str| {
+        let rivals = |e: &serde_json::Value| e["confusable_with"].as_array().unwrap().clone();
+        effects.iter().any(|e| e["name"] == name || rivals(e).iter().any(|r| r == name))
+    };
+    assert!(is_named("b-backlash") && is_named("z-backlash"), "{effects:?}");
+}

@@ -90,6 +90,9 @@ struct Linear {
 const LEAST_DROP: f64 = 1e-6;
 /// Steps to the minimum: a few, but where a large effect is nearly what the baseline does the valley is narrow and bent.
 const MOST_STEPS: usize = 200;
+/// After so many steps, where parameters hardly matter, what is left moves none by more than a tenth of its standard error a step.
+const PATIENCE: usize = 20;
+const LATE_DROP: f64 = 1e-2;
 /// Steps after new weights.
 const MORE_STEPS: usize = 4;
 
@@ -289,8 +292,13 @@ impl Fitter<'_> {
         if start.is_empty() {
             return first;
         }
-        let options =
-            least_squares::Options { max_steps, least_drop: LEAST_DROP, ..Default::default() };
+        let options = least_squares::Options {
+            max_steps,
+            least_drop: LEAST_DROP,
+            patience: PATIENCE,
+            late_drop: LATE_DROP,
+            ..Default::default()
+        };
         let white = |residual: &[f64]| {
             let column = DMatrix::from_column_slice(residual.len(), 1, residual);
             self.whiten(&column, noise).column(0).into_owned()

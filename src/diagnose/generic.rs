@@ -152,7 +152,8 @@ impl Term {
                 let step = (high - low) / (4.0 * PLACES as f64);
                 let widths = [0.55, 0.75, 1.0, 1.35, 1.8].map(|f| f * width);
                 let places = (-2..=2).map(|k| at + f64::from(k) * step);
-                places.flat_map(|at| widths.map(|width| Shape::Bump(at, width))).collect()
+                let seen = places.filter(|at| (low..=high).contains(at));
+                seen.flat_map(|at| widths.map(|width| Shape::Bump(at, width))).collect()
             }
             Shape::Wave(cycles) => {
                 [-0.3, -0.2, -0.1, 0.0, 0.1, 0.2, 0.3].map(|d| Shape::Wave(cycles + d)).into()

@@ -4,8 +4,10 @@
 use nalgebra::DMatrix;
 
 use crate::diagnose::basis::legendre;
+use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::generic::Term;
+use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::scan::found;
@@ -17,6 +19,8 @@ use crate::fit::tails::ln_f_tail;
 const ALPHA_LIBRARY: f64 = 0.005;
 /// Chance of any false generic term where nothing is hidden.
 const ALPHA_GENERIC: f64 = 0.001;
+/// Chance of two false names at once where nothing is hidden.
+const ALPHA_PAIR: f64 = 0.001;
 /// How much likelier a name is than a shape beforehand, nats.
 const NAME_BEFOREHAND: f64 = 2.6;
 /// Share of the explained variance that a further effect must have (a tenth of the gap).
@@ -96,7 +100,8 @@ impl Selection {
     pub(super) fn grow(&mut self, fitter: &Fitter) {
         let mut tried: Vec<Model> = Vec::new();
         for _ in 0..MOST_PARTS {
-            let Some(next) = self.next(fitter) else { break };
+            let next = self.next(fitter).or_else(|| self.two_in_hiding(fitter));
+            let Some(next) = next else { break };
             if tried.iter().any(|t| t.has_same_parts(&next)) {
                 // What it added was dropped again after the joint fit, and would be for ever.
                 break;
@@ -134,6 +139,25 @@ impl Selection {
             return Some(with_extra(&f.model, kind, columns.clone()));
         }
         self.addition(fitter, rivals)
+    }
+
+    /// The model with two names at once that undo each other, so that neither shows by itself; beside parts without a wrong form.
+    fn two_in_hiding(&self, fitter: &Fitter) -> Option<Model> {
+        let f = &self.fitted;
+        let effects = fitter.experiment.effects();
+        let exact = |a: &Active| effects[a.effect].varies_with.is_empty();
+        if !f.model.extras.is_empty() || !f.model.active.iter().all(exact) {
+            return None;
+        }
+        let free = |effect: usize| !f.model.active.iter().any(|a| a.effect == effect);
+        let standing = Standing::new(fitter, f, &[]);
+        let pairs = best_pairs(fitter, f, &standing, &self.library, &free, &|_| false);
+        let (score, pair) = pairs.into_iter().next()?;
+        let tests = 0.5 * self.library_tests.powi(2);
+        let sure = score.ln_p + tests.max(1.0).ln() < ALPHA_PAIR.ln();
+        let big = score.cleared_excess() > LEAST_SHARE * self.explained(fitter);
+        let all = || pair.iter().fold(f.model.clone(), |model, who| add(fitter, &model, who));
+        (sure && big && score.evidence > 0.0).then(all)
     }
 
     /// Whether a name is there beyond the chance of a false one.

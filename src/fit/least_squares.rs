@@ -15,13 +15,25 @@ pub struct Options {
     pub relative_step: f64,
     /// A step expected to lower the sum of squares by less than this is not taken: it ends the search.
     pub least_drop: f64,
+    /// Steps after which only those are taken that are expected to lower the sum of squares by `late_drop`: a valley may be very long and
+    /// nearly flat.
+    pub patience: usize,
+    /// See `patience`.
+    pub late_drop: f64,
     /// A singular value (of the column-scaled Jacobian) under this part of the largest counts as zero.
     pub rank_tolerance: f64,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { max_steps: 100, relative_step: 1e-12, least_drop: 0.0, rank_tolerance: 1e-10 }
+        Self {
+            max_steps: 100,
+            relative_step: 1e-12,
+            least_drop: 0.0,
+            patience: usize::MAX,
+            late_drop: 0.0,
+            rank_tolerance: 1e-10,
+        }
     }
 }
 
@@ -83,7 +95,11 @@ pub fn solve<J: FnOnce() -> DMatrix<f64>>(
     let mut jacobian = at_start();
     let mut damping = 1e-6;
     let mut converged = false;
-    for _ in 0..options.max_steps {
+    for taken in 0..options.max_steps {
+        let least_drop = match taken < options.patience {
+            true => options.least_drop,
+            false => options.late_drop,
+        };
         let scale = column_norms(&jacobian);
         let scaled = scale_columns(&jacobian, &scale);
         let normal = transposed_times(&scaled, &scaled);
@@ -101,7 +117,7 @@ pub fn solve<J: FnOnce() -> DMatrix<f64>>(
             let scaled_step = -cholesky.solve(&gradient);
             // |r|² - |r + J s|²
             let drop = -scaled_step.dot(&(2.0 * &gradient + &normal * &scaled_step));
-            if drop < options.least_drop {
+            if drop < least_drop {
                 break;
             }
             let step = scaled_step.component_div(&scale);

@@ -1,4 +1,6 @@
-//! Ball bar lengths without any effect: where the tool is, where each path's base cup is, and the bar between them.
+//! Ball bar lengths without any effect: where the tool is, where each path's base cup is, and the bars between them.
+
+use std::collections::BTreeSet;
 
 use nalgebra::{Rotation3, Vector3};
 
@@ -8,7 +10,7 @@ use crate::diagnose::data::cups::{Cup, find, straight_below};
 use crate::diagnose::experiment::Parameter;
 
 /// Completes the columns (Z from the path that keeps the bar's length, its sense from the data, each path's cup) and gives the
-/// nuisances: the bar's length, and each path's cup.
+/// nuisances: each bar's length, and each path's cup.
 pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>) -> Vec<Parameter> {
     data.z_sense = 1.0;
     let linked: Vec<f64> = data.get("b_deg").iter().map(|b| linked_z(data, *b)).collect();
@@ -35,7 +37,10 @@ pub fn prepare(data: &mut Columns, measured: &[f64], warnings: &mut Vec<String>)
         *data = if turned { down.0 } else { up.0 };
     }
     data.free_cups();
-    let mut nuisances = vec![Parameter::linear("bar_mm", 0.05)];
+    let bars = data.cups.iter().map(|cup| cup.bar).max().unwrap_or(0);
+    let more = (1..=bars).map(|bar| format!("bar{}_mm", bar + 1));
+    let bars = std::iter::once("bar_mm".to_owned()).chain(more);
+    let mut nuisances: Vec<Parameter> = bars.map(|bar| Parameter::linear(bar, 0.05)).collect();
     for (cup, name) in data.cups.iter().zip(&data.series_names) {
         nuisances.extend(of_cup(cup, name));
         if cup.side_assumed {
@@ -97,18 +102,15 @@ pub fn next_place(data: &Columns, path: usize, b_deg: f64) -> [f64; 2] {
     }
 }
 
-/// The bar's length at a row. Nuisances: the bar; each path's cup x and z, and y where it is free.
+/// The bar's length at a row. Nuisances: the bars; each path's cup x and z, and y where it is free.
 pub fn predict(data: &Columns, nuisances: &[f64], row: usize, error: Vector3<f64>) -> [f64; 2] {
     let path = data.series[row];
-    let before = data.cups.iter().take(path).map(|cup| 2 + usize::from(cup.y_is_free));
-    let cup = &nuisances[1 + before.sum::<usize>()..];
-    let y = match data.cups.get(path) {
-        Some(own) if own.y_is_free => cup[2],
-        Some(own) => own.place_mm.y,
-        None => 0.0,
-    };
+    let from_here = data.cups[path..].iter().map(|cup| 2 + usize::from(cup.y_is_free));
+    let cup = &nuisances[nuisances.len() - from_here.sum::<usize>()..];
+    let own = &data.cups[path];
+    let y = if own.y_is_free { cup[2] } else { own.place_mm.y };
     let d = data.tool(row) + error - Vector3::new(cup[0], y, cup[1]);
-    [d.norm() + nuisances[0], 0.0]
+    [d.norm() + nuisances[own.bar], 0.0]
 }
 
 /// A vector of the head at a B angle.
@@ -124,24 +126,34 @@ impl Columns {
         turned(b_rad, self.head) + Vector3::new(x, 0.0, self.get("z_mm")[row])
     }
 
-    /// Which cups beside the plane are free to lie elsewhere there. Where the bar hardly changes on any path, and no cup lies in the plane,
-    /// one of them and the bar's length are the same to all lengths, but for what an effect does to these.
+    /// Which cups beside the plane are free to lie elsewhere there. Where a bar hardly changes on any of its paths, and none of their cups
+    /// lies in the plane, one of them and the bar's length are the same to all lengths, but for what an effect does to these.
     fn free_cups(&mut self) {
         /// Of the bar's length.
         const CHANGES: f64 = 0.01;
-        let changes = |(path, cup): (usize, &Cup)| {
+        let tells = |(path, cup): (usize, &Cup)| {
             let lengths = self.rows_of(path).into_iter().map(|r| cup.distance(&self.tool(r)));
             let (low, high) = lengths.fold((f64::MAX, 0.0f64), |(a, b), l| (a.min(l), b.max(l)));
-            high - low > CHANGES * high
+            (!cup.is_beside() || high - low > CHANGES * high).then_some(cup.bar)
         };
-        let told = self.cups.iter().any(|cup| !cup.is_beside())
-            || self.cups.iter().enumerate().any(changes);
-        let mut cups = self.cups.clone();
-        cups.iter_mut().for_each(|cup| cup.y_is_free = cup.is_beside());
-        if let Some(first) = cups.first_mut().filter(|_| !told) {
-            first.y_is_free = false;
+        let mut told: BTreeSet<usize> = self.cups.iter().enumerate().filter_map(tells).collect();
+        for cup in &mut self.cups {
+            cup.y_is_free = cup.is_beside() && !told.insert(cup.bar);
         }
-        self.cups = cups;
+    }
+
+    /// Which bar each cup has.
+    fn find_bars(cups: &mut [Cup]) {
+        /// Of the length: errors change that of a path by less, another bar is another size.
+        const SAME: f64 = 0.01;
+        let mut bars_mm: Vec<f64> = Vec::new();
+        for cup in cups {
+            let same = |bar_mm: &f64| (cup.bar_mm - bar_mm).abs() < SAME * bar_mm;
+            cup.bar = bars_mm.iter().position(same).unwrap_or_else(|| {
+                bars_mm.push(cup.bar_mm);
+                bars_mm.len() - 1
+            });
+        }
     }
 
     /// Finds every path's cup and gives the root mean square of what the lengths then miss.
@@ -163,6 +175,7 @@ impl Columns {
             squares += miss_mm.powi(2) * rows.len() as f64;
             cups.push(cup);
         }
+        Self::find_bars(&mut cups);
         self.cups = cups;
         (squares / self.series.len().max(1) as f64).sqrt()
     }

@@ -19,6 +19,8 @@ pub struct Cup {
     pub place_mm: Vector3<f64>,
     /// Mean length of the bar.
     pub bar_mm: f64,
+    /// Which of the bars it is: paths that differ in length have bars of their own.
+    pub bar: usize,
     /// Whether the side of the plane of motion is only assumed.
     pub side_assumed: bool,
     /// Whether how far it lies beside that plane is told by the lengths, or shall be.
@@ -48,7 +50,7 @@ impl Cup {
 pub fn straight_below(beside_mm: f64, tool0: &Vector3<f64>, bar_mm: f64) -> Cup {
     let below_mm = (bar_mm * bar_mm - beside_mm * beside_mm).max(0.0).sqrt();
     let place_mm = Vector3::new(tool0.x, beside_mm, tool0.z - below_mm);
-    Cup { place_mm, bar_mm, side_assumed: false, y_is_free: false }
+    Cup { place_mm, bar_mm, bar: 0, side_assumed: false, y_is_free: false }
 }
 
 /// The cup of one path: straight below where that is about right, otherwise where its name says how far beside the plane of motion, or

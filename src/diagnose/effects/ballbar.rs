@@ -312,16 +312,29 @@ fn growth(l: &mut L, data: &Columns) {
         });
         return;
     }
-    term(l, vec![Parameter::linear("mm_per_c", 0.005)], move |data, p, row| {
-        along(data, row, p[0] * (data.get("temp_c")[row] - 20.0))
-    });
-    if data.needs(&["t_s"]).is_none() {
-        let lag = Parameter::shape("lag_s", &lags([0.05, 0.15, 0.5]));
-        l.form(vec![Parameter::linear("mm_per_c", 0.005), lag], move |data, p, errors| {
-            let warm = lagged(data.get("t_s"), data.get("temp_c"), p[1].abs().max(1e-3));
-            for (row, e) in errors.iter_mut().enumerate() {
-                *e += along(data, row, p[0] * (warm[row] - 20.0));
+    // Counted from 20 °C, or from the first reading: as likely as one that is counted one way only.
+    l.beforehand(std::f64::consts::LN_2);
+    let timed = data.needs(&["t_s"]).is_none();
+    for from_start in [false, true] {
+        for lag in [false, true].into_iter().take(1 + usize::from(timed)) {
+            let mut parameters = vec![Parameter::linear("mm_per_c", 0.005)];
+            if lag {
+                parameters.push(Parameter::shape("lag_s", &lags([0.05, 0.15, 0.5])));
             }
-        });
+            if from_start {
+                parameters.push(Parameter::switch("from_start", 1.0));
+            }
+            l.form(parameters, move |data, p, errors| {
+                let now = data.get("temp_c");
+                let warm = match lag {
+                    true => lagged(data.get("t_s"), now, p[1].abs().max(1e-3)),
+                    false => now.to_vec(),
+                };
+                let zero = if from_start { now.first().copied().unwrap_or(20.0) } else { 20.0 };
+                for (row, e) in errors.iter_mut().enumerate() {
+                    *e += along(data, row, p[0] * (warm[row] - zero));
+                }
+            });
+        }
     }
 }
