@@ -314,3 +314,34 @@ fn an_overexposed_light_annulus_is_no_lamp() {
     let off_mm = off_mm(&found, offset_px);
     assert!(off_mm < x.hypot(y) && off_mm < 0.02, "off by {off_mm}");
 }
+
+/// Light that falls off over a plate without texture is neither a ring nor a second burn, and moves none: a lens's vignette, a lamp beside.
+#[test]
+fn a_burn_on_a_smooth_plate_is_measured_in_uneven_light() {
+    let (center, lens) = (Vector2::new(301.3, 251.6), Vector2::new(320.0, 240.0));
+    let light = |p: Vector2<f64>, corner: f64, slope: f64| {
+        let falls = 1.0 - corner * ((p - lens).norm() / 400.0).powi(2);
+        falls.powi(2) * (1.0 + slope * (0.8 * p.x - 0.6 * p.y) / 400.0)
+    };
+    for (k, (corner, slope)) in
+        [(0.05, 0.0), (0.15, 0.1), (0.2, 0.0), (0.3, 0.2), (0.0, 0.3)].into_iter().enumerate()
+    {
+        for (inner_px, depth) in [(0.0, 0.15), (0.0, 0.35), (100.0, 0.15), (100.0, 0.35)] {
+            let offset_px = Vector2::new(7.4 * k as f64, -21.3 + 9.1 * k as f64);
+            let seen = picture(|p| {
+                let inside = |r_px: f64, soft_px: f64, p: Vector2<f64>| {
+                    1.0 / (1.0 + (1.7 * (p.norm() - r_px) / soft_px).exp())
+                };
+                let hole = if inner_px > 0.0 { inside(inner_px, 5.0, p - center) } else { 0.0 };
+                let ring = inside(130.0, 5.0, p - center) - hole;
+                let spot = inside(13.0, 1.0, p - center - offset_px);
+                light(p, corner, slope) * PLATE * (1.0 - depth * ring) * (1.0 - 0.5 * spot)
+            });
+            let found = measure(&seen).unwrap();
+            let [x_mm, y_mm] = found.report.offset.offset_u95_mm;
+            let (off_mm, u95_mm) = (off_mm(&found, offset_px), x_mm.hypot(y_mm));
+            let case = format!("light {corner} {slope}, ring {inner_px} {depth}");
+            assert!(off_mm < u95_mm && u95_mm < 0.006, "{case}: off by {off_mm} of {u95_mm}");
+        }
+    }
+}

@@ -187,6 +187,7 @@ fn measure(cell: &Cell, seed: u64) -> Option<(Vector2<f64>, f64, usize)> {
         outside_limit_px: 30.0 + 4.0 * blur_px,
         softness_px: 2.0,
         tinted: false,
+        light: None,
     };
     let ring = ring::measure(&frame, &view, rough, search, None)?;
     let error = ring.circle.center - truth;

@@ -31,7 +31,7 @@ pub use hidden::{Side, hide};
 pub use locate::{Located, Options as LocateOptions, locate};
 pub use lost::Lost;
 pub use scan::{Band, Profiles, scan};
-pub use shading::{Light, Slope, flatten};
+pub use shading::{Levels, Slope, even_out, flatten};
 pub use template::Template;
 pub(crate) use template::lens_share;
 pub use together::together;

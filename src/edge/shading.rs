@@ -47,11 +47,11 @@ impl Slope {
 }
 
 /// What the levels beside a contour tell of the light.
-pub struct Light {
+pub struct Levels {
     levels: Vec<Level>,
 }
 
-impl Light {
+impl Levels {
     /// Reads the levels inside and outside the edge.
     pub fn of(profiles: &Profiles, contour: &Contour, softness_px: f64) -> Self {
         let mut levels = levels(profiles, contour, 2.5 * softness_px);
@@ -78,8 +78,7 @@ impl Light {
 
 /// Divides a slope out of the profiles: the light is as it is in the contour's middle.
 pub fn flatten(profiles: &mut Profiles, contour: &Contour, slope_per_px: Vector2<f64>) {
-    let places = profiles.angle_rad.iter().map(|angle| contour.point(*angle, 0.0));
-    let middle = places.sum::<Vector2<f64>>() / profiles.sectors().max(1) as f64;
+    let middle = middle(profiles, contour);
     for s in 0..profiles.sectors() {
         for i in profiles.range(s) {
             if profiles.count[i] > 0.0 {
@@ -89,6 +88,36 @@ pub fn flatten(profiles: &mut Profiles, contour: &Contour, slope_per_px: Vector2
             }
         }
     }
+}
+
+/// The same with light that is known at each place, in any unit: along a profile it is as smooth as a parabola.
+pub fn even_out(profiles: &mut Profiles, contour: &Contour, light: impl Fn(Vector2<f64>) -> f64) {
+    let usual = light(middle(profiles, contour));
+    for s in 0..profiles.sectors() {
+        let seen = profiles.range(s).filter(|i| profiles.count[*i] > 0.0);
+        let (first, last) = seen
+            .map(|i| profiles.distance_px[i])
+            .fold((f32::MAX, f32::MIN), |(low, high), d| (low.min(d), high.max(d)));
+        if first > last {
+            continue;
+        }
+        let (first, last) = (f64::from(first), f64::from(last));
+        let half = (0.5 * (last - first)).max(0.5);
+        let center = 0.5 * (first + last);
+        let at = |t: f64| light(contour.point(profiles.angle_rad[s], center + t * half)) / usual;
+        let [low, mid, high] = [-1.0, 0.0, 1.0].map(at);
+        let (slope, bend) = (0.5 * (high - low), 0.5 * (high + low) - mid);
+        for i in profiles.range(s) {
+            let t = (f64::from(profiles.distance_px[i]) - center) / half;
+            profiles.value[i] /= (mid + t * (slope + t * bend)) as f32;
+        }
+    }
+}
+
+/// The middle of a contour's places.
+fn middle(profiles: &Profiles, contour: &Contour) -> Vector2<f64> {
+    let places = profiles.angle_rad.iter().map(|angle| contour.point(*angle, 0.0));
+    places.sum::<Vector2<f64>>() / profiles.sectors().max(1) as f64
 }
 
 /// How much one side's levels scatter from sector to sector: near black their logarithms are mostly noise.

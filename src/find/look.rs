@@ -2,6 +2,7 @@
 
 use nalgebra::Vector2;
 
+use crate::find::light::Light;
 use crate::frame::{Frame, Gray, MOST_JOINED};
 
 /// The reduced picture's longer side, about.
@@ -23,13 +24,34 @@ pub struct Look {
     pub scales: Vec<(f64, Gray<f32>)>,
     /// Typical random difference of neighbouring pixels at the sharpest scale, counts.
     pub noise: f64,
+    /// What has been taken out of it of the light's fall-off.
+    pub(crate) light: Option<Light>,
 }
 
 impl Look {
     /// Reduces and blurs, by the first few of the scales.
     pub fn new(frame: &Frame, scales: usize) -> Self {
-        let factor = frame.width().max(frame.height()).div_ceil(SIDE_PX).clamp(1, MOST_JOINED);
-        Self::reduced_by(factor, frame, scales)
+        Self::reduced_by(Self::factor(frame), frame, scales)
+    }
+
+    /// The same without the light's smooth fall-off.
+    pub fn evenly(frame: &Frame, scales: usize) -> Self {
+        let factor = Self::within(Self::factor(frame), frame);
+        let mut base = frame.reduce(factor);
+        let light = Light::of(&base, factor);
+        if let Some(light) = &light {
+            light.even_out(&mut base);
+        }
+        Self { light, ..Self::of(&base, factor, scales) }
+    }
+
+    fn factor(frame: &Frame) -> usize {
+        frame.width().max(frame.height()).div_ceil(SIDE_PX).clamp(1, MOST_JOINED)
+    }
+
+    /// Less where little would be left of a narrow strip.
+    fn within(factor: usize, frame: &Frame) -> usize {
+        factor.min(frame.width().min(frame.height()) / LEAST_PART).max(1)
     }
 
     /// The same of what lies within `reach_px` of a place, each way; `None` where hardly any of it is in the picture.
@@ -41,11 +63,14 @@ impl Look {
 
     /// Reduces by `factor`, less where little would be left of a narrow strip, and blurs, by the first few of the scales.
     pub fn reduced_by(factor: usize, frame: &Frame, scales: usize) -> Self {
-        let factor = factor.min(frame.width().min(frame.height()) / LEAST_PART).max(1);
-        let base = frame.reduce(factor);
-        let noise = texture(&base);
-        let scales = BLURS.iter().take(scales).map(|&b| (b, blur(&base, b))).collect();
-        Self { factor, corner: Vector2::zeros(), scales, noise }
+        let factor = Self::within(factor, frame);
+        Self::of(&frame.reduce(factor), factor, scales)
+    }
+
+    fn of(base: &Gray<f32>, factor: usize, scales: usize) -> Self {
+        let noise = texture(base);
+        let scales = BLURS.iter().take(scales).map(|&b| (b, blur(base, b))).collect();
+        Self { factor, corner: Vector2::zeros(), scales, noise, light: None }
     }
 
     /// Full-picture pixel → reduced pixel.

@@ -7,6 +7,7 @@
 
 mod crests;
 mod folds;
+mod light;
 mod line;
 mod look;
 mod rays;
@@ -19,6 +20,7 @@ mod votes;
 mod waves;
 
 pub(crate) use folds::is_folded;
+pub use light::Light;
 pub(crate) use line::is_line;
 pub use look::Look;
 pub(crate) use look::blur;
@@ -140,6 +142,11 @@ fn better(new: &Candidate, old: &Candidate) -> bool {
 /// A reduced picture of `frame` for finding circles.
 pub fn look(frame: &Frame) -> Look {
     Look::new(frame, look::BLURS.len())
+}
+
+/// The same in even light: without its smooth fall-off over the picture.
+pub fn look_evenly(frame: &Frame) -> Look {
+    Look::evenly(frame, look::BLURS.len())
 }
 
 /// A reduced picture of what lies within `reach_px` of a place, for circles that are too small in the whole; `None` where hardly any

@@ -186,7 +186,7 @@ pub(super) enum Flaw {
 
 /// Measures a ring with the edges about it and its likeliest spot.
 pub(super) fn measure(
-    frame: &Frame,
+    (frame, look): (&Frame, &Look),
     view: &View,
     outer: &Candidate,
     edges: &[Candidate],
@@ -194,9 +194,10 @@ pub(super) fn measure(
 ) -> Result<Ring, Flaw> {
     let mut others = edges.to_vec();
     others.push(spot);
+    let light = look.light.filter(|light| light.is_sure);
     let is_round = |ring: &Ring| RING.allow(ring, view) && !is_polygon(ring) && !is_texture(ring);
     let (rough, search) = around(view, outer, &others);
-    let found = ring::measure(frame, view, rough, search.tinted(), None).filter(is_round);
+    let found = ring::measure(frame, view, rough, search.burnt(light), None).filter(is_round);
     let ring = found.filter(|ring| !strayed(ring, outer, view)).ok_or(Flaw::Other)?;
     if !limits(&ring).trust(&ring) {
         return Err(Flaw::Unsure);
@@ -206,7 +207,7 @@ pub(super) fn measure(
         // Inside an annulus the spot's edge may be the stronger one.
         let clear_px = spots::clear_px(&c.circle, &spot.circle, spot.softness_px);
         search.inside_limit_px = search.inside_limit_px.min(clear_px.max(3.0));
-        ring::measure(frame, view, rough, search.tinted(), None)
+        ring::measure(frame, view, rough, search.burnt(light), None)
     };
     let inner = inner_edge(outer, edges).and_then(measure_inner).filter(|inner| {
         let is_inner = (INNER.start..0.98).contains(&(inner.circle.radius / ring.circle.radius));

@@ -371,6 +371,7 @@ pub(super) fn around(view: &View, candidate: &Candidate, others: &[Candidate]) -
         outside_limit_px: outside,
         softness_px: candidate.softness_px.max(1.0),
         tinted: false,
+        light: None,
     };
     (ring::in_plane(view, c), search)
 }

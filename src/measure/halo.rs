@@ -29,6 +29,7 @@ impl Inside<'_> {
                 outside_limit_px: 0.8 * radius_px + 3.0,
                 softness_px: 1.5,
                 tinted: false,
+                light: None,
             };
             ring::measure(self.frame, self.view, rough, search, Some(&self.ring.wander))
         };

@@ -22,11 +22,6 @@ pub(super) struct Limits {
 }
 
 impl Limits {
-    /// Whether what was measured is a circle with some ragged edge rather than something else, and tells where it is.
-    pub fn are_kept(&self, ring: &Ring, view: &View) -> bool {
-        self.allow(ring, view) && self.trust(ring)
-    }
-
     /// Whether it is a circle.
     pub fn allow(&self, ring: &Ring, view: &View) -> bool {
         let radius_mm = ring.circle.radius;

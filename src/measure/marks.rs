@@ -32,7 +32,7 @@ pub(super) fn measure(
     near_mm: Option<[f64; 2]>,
     subject: &str,
 ) -> Result<Marks> {
-    let look = find::look(frame);
+    let look = find::look_evenly(frame);
     let chosen = near_mm.map(|p| view.to_pixel(Vector2::from(p)));
     let scene = Scene::new(frame, view, &look, chosen);
     let rings = scene.rings();
@@ -149,7 +149,9 @@ impl<'a> Scene<'a> {
             let is_known = |other: &Candidate| is_concentric(other, outer);
             if tried.rules_out(outer)
                 || tried.unclear.iter().any(|u| is_known(u))
-                || dotted.as_ref().is_some_and(|(ring, _)| is_known(ring))
+                || dotted
+                    .as_ref()
+                    .is_some_and(|(ring, _)| is_known(ring) || is_nothing(outer, ring))
             {
                 continue;
             }
@@ -233,11 +235,13 @@ impl<'a> Scene<'a> {
                 return Attempt::UnclearSpot { dots };
             }
             let look = near.as_ref().unwrap_or(self.look);
-            let ring = match annulus::measure(self.frame, self.view, outer, &edges, spots[0]) {
-                Ok(ring) => ring,
-                Err(_) if matches!(attempt, Attempt::UnclearSpot { .. }) => break,
-                Err(flaw) => return Attempt::Flawed(flaw),
-            };
+            let ring =
+                match annulus::measure((self.frame, self.look), self.view, outer, &edges, spots[0])
+                {
+                    Ok(ring) => ring,
+                    Err(_) if matches!(attempt, Attempt::UnclearSpot { .. }) => break,
+                    Err(flaw) => return Attempt::Flawed(flaw),
+                };
             let (frame, view) = (self.frame, self.view);
             let inside = spot::Inside { frame, view, ring: &ring, edges: &edges, place };
             let clear =
@@ -280,6 +284,13 @@ impl<'a> Scene<'a> {
         let others: Vec<Circle> = others.map(|e| e.circle).collect();
         find::stands_out(look, c, sides, &others) == Some(true)
     }
+}
+
+/// Whether a circle is far too faint, and seen far too poorly, to count beside a ring: what light leaves on an even plate.
+fn is_nothing(c: &Candidate, ring: &Candidate) -> bool {
+    /// Of the ring's step, and of its score.
+    const FAINT: f64 = 0.2;
+    c.step.abs() < FAINT * ring.step.abs() && c.score < FAINT * ring.score
 }
 
 /// Whether a spot is a line, or one of many circles about its centre, as a turned plate's grooves are.

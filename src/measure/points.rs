@@ -4,9 +4,10 @@ use nalgebra::Vector2;
 
 use crate::camera::View;
 use crate::edge::{
-    Band, Contour, Light, LocateOptions, Located, Lost, Profiles, Slope, flatten, hide, locate,
-    scan,
+    Band, Contour, Levels, LocateOptions, Located, Lost, Profiles, Slope, even_out, flatten, hide,
+    locate, scan,
 };
+use crate::find::Light;
 use crate::fit::Circle;
 use crate::frame::Frame;
 
@@ -28,12 +29,14 @@ pub struct Search {
     pub softness_px: f64,
     /// Whether heat may have tinted the surface beside it, more on one side than on the other, as beside what is burnt.
     pub tinted: bool,
+    /// The picture's light, where it falls off farther than a slope across this edge tells.
+    pub light: Option<Light>,
 }
 
 impl Search {
-    /// The same beside a mark that is burnt.
-    pub(super) fn tinted(self) -> Self {
-        Self { tinted: true, ..self }
+    /// The same beside a mark that is burnt, in a picture's light.
+    pub(super) fn burnt(self, light: Option<Light>) -> Self {
+        Self { tinted: true, light, ..self }
     }
 
     /// The same no farther than some softnesses from the edge, where a glare, a gap or dirt beside it leads astray.
@@ -209,7 +212,10 @@ pub(super) fn edge_points(
         Some(edges) => (edges, [None; 2]),
         None => {
             profiles.mask_glare();
-            let seen = Light::of(&profiles, &contour, softness);
+            if let Some(light) = search.light {
+                even_out(&mut profiles, &contour, |at| light.at(at));
+            }
+            let seen = Levels::of(&profiles, &contour, softness);
             let own = || seen.slope().filter(|slope| contour.closed && slope.is_sure());
             if let Some(per_px) = light.or_else(|| own().map(|slope| slope.per_px)) {
                 flatten(&mut profiles, &contour, per_px);

@@ -70,15 +70,29 @@ impl Inside<'_> {
     ) -> Option<Ring> {
         let mut clear = clear.peekable();
         let likeliest = clear.peek().copied();
-        let found = clear
-            .filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer)))
-            .enumerate()
-            .find_map(|(nth, s)| {
-                // What is likeliest is not left for what is easier to measure.
-                let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
-                self.measure(s).or_else(nearby)
-            })?;
-        Some(self.within_halo(&found).unwrap_or(found))
+        for (nth, s) in
+            clear.filter(|s| likeliest.is_some_and(|l| may_stand_for(l, s, outer))).enumerate()
+        {
+            // What is likeliest is not left for what is easier to measure.
+            let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
+            if let Some(found) = self.measure(s).or_else(nearby) {
+                return Some(self.within_halo(&found).unwrap_or(found));
+            }
+            if nth == 0 && self.is_lost(s) {
+                return None;
+            }
+        }
+        None
+    }
+
+    /// Whether a spot is there, whole, that does not tell where it is.
+    fn is_lost(&self, spot: &Candidate) -> bool {
+        let (rough, search) = self.search(spot);
+        self.look(spot, rough, search).is_some_and(|found| {
+            found.arc_coverage > WHOLE
+                && self.is_mark(&found, rough)
+                && !self.limits(&found).trust(&found)
+        })
     }
 
     /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.
@@ -127,6 +141,7 @@ impl Inside<'_> {
             softness_px: spot.softness_px.max(1.5),
             // It lies on what is burnt already.
             tinted: false,
+            light: None,
         };
         (ring::in_plane(self.view, c), search)
     }
@@ -162,6 +177,31 @@ impl Inside<'_> {
     }
 
     pub(super) fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
+        self.is_mark(found, rough) && self.limits(found).trust(found)
+    }
+
+    /// Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
+    /// unsure or the ring ends with it.
+    fn in_part(&self, found: &Ring) -> bool {
+        found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP
+    }
+
+    fn is_faint(&self, found: &Ring) -> bool {
+        (found.contrast / self.ring.contrast).abs() < FAINT
+    }
+
+    fn limits(&self, found: &Ring) -> &'static Limits {
+        let unsure =
+            (self.in_part(found) && found.form_from_texture_mm == 0.0) || self.is_faint(found);
+        match (unsure, is_clear(found)) {
+            (true, _) => &PART,
+            (false, true) => &OVAL,
+            (false, false) => &SPOT,
+        }
+    }
+
+    /// Whether what was measured may be the spot, however well it tells where it is.
+    fn is_mark(&self, found: &Ring, rough: Circle) -> bool {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
@@ -169,21 +209,11 @@ impl Inside<'_> {
         let is_rings_own = found.contrast * self.ring.contrast < 0.0
             && may_end(&found.circle, &ring, 0.0)
             && !ends_farther_out(self.edges, &ring_px, self.ring.contrast, size * ring_px.radius);
-        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
-        // unsure or the ring ends with it.
-        let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
-        let is_faint = (found.contrast / self.ring.contrast).abs() < FAINT;
-        let unsure = (in_part && found.form_from_texture_mm == 0.0) || is_faint;
-        let clear = found.contrast.abs() > CLEARLY * found.noise && found.arc_coverage > WHOLE;
-        let limits = match (unsure, clear) {
-            (true, _) => &PART,
-            (false, true) => &OVAL,
-            (false, false) => &SPOT,
-        };
-        limits.are_kept(found, self.view)
+        let (in_part, clear) = (self.in_part(found), is_clear(found));
+        self.limits(found).allow(found, self.view)
             && self.place.measured.contains(&size)
             && apart < 1.0
-            && !(is_faint && found.arc_coverage < WHOLE)
+            && !(self.is_faint(found) && found.arc_coverage < WHOLE)
             && !self.is_glare(found)
             && (size < PLACES[0].measured.end || self.is_clearly_burnt(found))
             && !is_rings_own
@@ -194,6 +224,10 @@ impl Inside<'_> {
             && !is_polygon(found)
             && !strayed(found, rough)
     }
+}
+
+fn is_clear(found: &Ring) -> bool {
+    found.contrast.abs() > CLEARLY * found.noise && found.arc_coverage > WHOLE
 }
 
 /// Share of what is not seen of a spot's edge that looks out on a gap of the ring.

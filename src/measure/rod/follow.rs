@@ -63,6 +63,7 @@ pub(super) fn follow<'f>(
                     outside_limit_px: 60.0,
                     softness_px: softness[i],
                     tinted: false,
+                    light: None,
                 };
                 let mut points = edge_points(frame, view, rough, search, effort, slope)?;
                 points.move_to_rim(rough.center);
