@@ -36,6 +36,8 @@ const EVEN: f64 = 0.02;
 const MOST: f64 = 1.2;
 /// Neighbouring blocks that miss it by less than this part of its range (median) show it by themselves: a texture would move it.
 const SMOOTH: f64 = 0.01;
+/// By more than this part, and it is none.
+const PLAIN: f64 = 0.04;
 
 /// The light's logarithm over a picture, from its mean.
 #[derive(Debug, Clone, Copy)]
@@ -110,7 +112,7 @@ impl Light {
         let falls: Vec<f64> = powers.iter().map(|p| p.dot(&coefficients)).collect();
         let (low, high) = crate::fit::robust::range(&falls);
         let mean = falls.iter().sum::<f64>() / falls.len() as f64;
-        (high - low > EVEN).then_some(Self {
+        (high - low > EVEN && usual < PLAIN * (high - low)).then_some(Self {
             coefficients,
             mean,
             is_sure: usual < SMOOTH * (high - low),
