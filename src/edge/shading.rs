@@ -9,7 +9,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 
 use crate::edge::{Contour, Profiles};
 use crate::fit::circle::tukey;
-use crate::fit::robust::scatter;
+use crate::fit::robust::{range, scatter};
 
 /// A slope under this many of its own standard deviations is not taken out.
 const SURE: f64 = 4.0;
@@ -79,37 +79,46 @@ impl Levels {
 /// Divides a slope out of the profiles: the light is as it is in the contour's middle.
 pub fn flatten(profiles: &mut Profiles, contour: &Contour, slope_per_px: Vector2<f64>) {
     let middle = middle(profiles, contour);
-    for s in 0..profiles.sectors() {
-        for i in profiles.range(s) {
-            if profiles.count[i] > 0.0 {
-                let at = contour.point(profiles.angle_rad[s], f64::from(profiles.distance_px[i]));
-                let light = 1.0 + slope_per_px.dot(&(at - middle));
-                profiles.value[i] /= light.max(0.2) as f32;
-            }
+    divide(profiles, |_, angle_rad| {
+        move |distance_px| {
+            let at = contour.point(angle_rad, distance_px);
+            (1.0 + slope_per_px.dot(&(at - middle))).max(0.2)
         }
-    }
+    });
 }
 
 /// The same with light that is known at each place, in any unit: along a profile it is as smooth as a parabola.
 pub fn even_out(profiles: &mut Profiles, contour: &Contour, light: impl Fn(Vector2<f64>) -> f64) {
     let usual = light(middle(profiles, contour));
-    for s in 0..profiles.sectors() {
-        let seen = profiles.range(s).filter(|i| profiles.count[*i] > 0.0);
-        let (first, last) = seen
-            .map(|i| profiles.distance_px[i])
-            .fold((f32::MAX, f32::MIN), |(low, high), d| (low.min(d), high.max(d)));
-        if first > last {
-            continue;
-        }
-        let (first, last) = (f64::from(first), f64::from(last));
+    divide(profiles, |seen, angle_rad| {
+        let (first, last) = range(seen);
         let half = (0.5 * (last - first)).max(0.5);
         let center = 0.5 * (first + last);
-        let at = |t: f64| light(contour.point(profiles.angle_rad[s], center + t * half)) / usual;
+        let at = |t: f64| light(contour.point(angle_rad, center + t * half)) / usual;
         let [low, mid, high] = [-1.0, 0.0, 1.0].map(at);
         let (slope, bend) = (0.5 * (high - low), 0.5 * (high + low) - mid);
+        move |distance_px| {
+            let t = (distance_px - center) / half;
+            mid + t * (slope + t * bend)
+        }
+    });
+}
+
+/// Divides the light out of the profiles: `along` makes it, of a distance, for a profile's distances and angle.
+fn divide<L: Fn(f64) -> f64>(profiles: &mut Profiles, along: impl Fn(&[f64], f64) -> L) {
+    let mut seen = Vec::new();
+    for s in 0..profiles.sectors() {
+        let places = profiles.range(s).filter(|i| profiles.count[*i] > 0.0);
+        seen.clear();
+        seen.extend(places.map(|i| f64::from(profiles.distance_px[i])));
+        if seen.is_empty() {
+            continue;
+        }
+        let light = along(&seen, profiles.angle_rad[s]);
         for i in profiles.range(s) {
-            let t = (f64::from(profiles.distance_px[i]) - center) / half;
-            profiles.value[i] /= (mid + t * (slope + t * bend)) as f32;
+            if profiles.count[i] > 0.0 {
+                profiles.value[i] /= light(f64::from(profiles.distance_px[i])) as f32;
+            }
         }
     }
 }

@@ -5,6 +5,7 @@
 
 use nalgebra::{SMatrix, SVector, Vector2};
 
+use crate::fit::robust::range;
 use crate::frame::Gray;
 
 /// Blocks along the longer side.
@@ -69,7 +70,7 @@ impl Light {
     }
 
     fn level(&self, along: &[f64; 5], x: f64) -> f64 {
-        let u = self.scaled(x, self.size[0]);
+        let u = scaled(x, self.size[0]);
         along.iter().rev().fold(0.0, |sum, c| sum * u + c).clamp(-MOST, MOST).exp()
     }
 
@@ -95,11 +96,8 @@ impl Light {
         }
         let logs: Vec<f64> = levels.iter().map(|l| l.max(floor).ln()).collect();
         let middle = |i: usize| i as f64 * side as f64 + 0.5 * (side as f64 - 1.0);
-        let factor = factor as f64;
-        let empty =
-            Self { coefficients: Coefficients::zeros(), mean: 0.0, size, factor, is_sure: false };
         let powers: Vec<Coefficients> = (0..logs.len())
-            .map(|i| empty.powers(middle(i % columns), middle(i / columns)))
+            .map(|i| powers([middle(i % columns), middle(i / columns)], size))
             .collect();
         let pairs = (0..logs.len()).flat_map(|i| {
             let right = (i % columns + 1 < columns).then_some((i, i + 1));
@@ -110,35 +108,36 @@ impl Light {
             pairs.map(|(a, b)| (powers[b] - powers[a], logs[b] - logs[a])).collect();
         let (coefficients, usual) = least_misses(&differences)?;
         let falls: Vec<f64> = powers.iter().map(|p| p.dot(&coefficients)).collect();
-        let (low, high) = crate::fit::robust::range(&falls);
+        let (low, high) = range(&falls);
         let mean = falls.iter().sum::<f64>() / falls.len() as f64;
         (high - low > EVEN && usual < PLAIN * (high - low)).then_some(Self {
             coefficients,
             mean,
+            size,
+            factor: factor as f64,
             is_sure: usual < SMOOTH * (high - low),
-            ..empty
         })
-    }
-
-    /// A place from -1 to 1 along one side.
-    fn scaled(&self, place: f64, size: usize) -> f64 {
-        2.0 * place / (size.max(2) - 1) as f64 - 1.0
-    }
-
-    fn powers(&self, x: f64, y: f64) -> Coefficients {
-        let (u, v) = (self.scaled(x, self.size[0]), self.scaled(y, self.size[1]));
-        Coefficients::from_fn(|k, _| u.powi(POWERS[k].0) * v.powi(POWERS[k].1))
     }
 
     /// A row's polynomial along it, from the constant on.
     fn along(&self, y: f64) -> [f64; 5] {
-        let v = self.scaled(y, self.size[1]);
+        let v = scaled(y, self.size[1]);
         let mut row = [-self.mean, 0.0, 0.0, 0.0, 0.0];
         for (c, (i, j)) in self.coefficients.iter().zip(POWERS) {
             row[i as usize] += c * v.powi(j);
         }
         row
     }
+}
+
+/// A place from -1 to 1 along one side.
+fn scaled(place: f64, size: usize) -> f64 {
+    2.0 * place / (size.max(2) - 1) as f64 - 1.0
+}
+
+fn powers(place: [f64; 2], size: [usize; 2]) -> Coefficients {
+    let [u, v] = [0, 1].map(|i| scaled(place[i], size[i]));
+    Coefficients::from_fn(|k, _| u.powi(POWERS[k].0) * v.powi(POWERS[k].1))
 }
 
 /// The coefficients with the least sum of absolute misses, by weights of their inverses, and the median miss.

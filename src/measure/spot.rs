@@ -89,9 +89,7 @@ impl Inside<'_> {
     fn is_lost(&self, spot: &Candidate) -> bool {
         let (rough, search) = self.search(spot);
         self.look(spot, rough, search).is_some_and(|found| {
-            found.arc_coverage > WHOLE
-                && self.is_mark(&found, rough)
-                && !self.limits(&found).trust(&found)
+            found.arc_coverage > WHOLE && self.tells_where(&found, rough) == Some(false)
         })
     }
 
@@ -177,31 +175,11 @@ impl Inside<'_> {
     }
 
     pub(super) fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
-        self.is_mark(found, rough) && self.limits(found).trust(found)
+        self.tells_where(found, rough) == Some(true)
     }
 
-    /// Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
-    /// unsure or the ring ends with it.
-    fn in_part(&self, found: &Ring) -> bool {
-        found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP
-    }
-
-    fn is_faint(&self, found: &Ring) -> bool {
-        (found.contrast / self.ring.contrast).abs() < FAINT
-    }
-
-    fn limits(&self, found: &Ring) -> &'static Limits {
-        let unsure =
-            (self.in_part(found) && found.form_from_texture_mm == 0.0) || self.is_faint(found);
-        match (unsure, is_clear(found)) {
-            (true, _) => &PART,
-            (false, true) => &OVAL,
-            (false, false) => &SPOT,
-        }
-    }
-
-    /// Whether what was measured may be the spot, however well it tells where it is.
-    fn is_mark(&self, found: &Ring, rough: Circle) -> bool {
+    /// Whether what may be the spot tells where it is; `None` for what is none.
+    fn tells_where(&self, found: &Ring, rough: Circle) -> Option<bool> {
         let ring = self.ring.circle;
         let apart = (found.circle.center - ring.center).norm() / ring.radius;
         let size = found.circle.radius / ring.radius;
@@ -209,11 +187,21 @@ impl Inside<'_> {
         let is_rings_own = found.contrast * self.ring.contrast < 0.0
             && may_end(&found.circle, &ring, 0.0)
             && !ends_farther_out(self.edges, &ring_px, self.ring.contrast, size * ring_px.radius);
-        let (in_part, clear) = (self.in_part(found), is_clear(found));
-        self.limits(found).allow(found, self.view)
+        // Of letters, screws and scratches a part may be round: what is seen in part must be all the surer, but where texture makes it
+        // unsure or the ring ends with it.
+        let in_part = found.arc_coverage < PARTLY && hidden_share(self.ring, found) < ONE_GAP;
+        let is_faint = (found.contrast / self.ring.contrast).abs() < FAINT;
+        let unsure = (in_part && found.form_from_texture_mm == 0.0) || is_faint;
+        let clear = found.contrast.abs() > CLEARLY * found.noise && found.arc_coverage > WHOLE;
+        let limits = match (unsure, clear) {
+            (true, _) => &PART,
+            (false, true) => &OVAL,
+            (false, false) => &SPOT,
+        };
+        let may_be = limits.allow(found, self.view)
             && self.place.measured.contains(&size)
             && apart < 1.0
-            && !(self.is_faint(found) && found.arc_coverage < WHOLE)
+            && !(is_faint && found.arc_coverage < WHOLE)
             && !self.is_glare(found)
             && (size < PLACES[0].measured.end || self.is_clearly_burnt(found))
             && !is_rings_own
@@ -222,12 +210,9 @@ impl Inside<'_> {
                     || size > PLACES[0].measured.end
                     || self.place.near && !(clear && apart < MIDDLE)))
             && !is_polygon(found)
-            && !strayed(found, rough)
+            && !strayed(found, rough);
+        may_be.then(|| limits.trust(found))
     }
-}
-
-fn is_clear(found: &Ring) -> bool {
-    found.contrast.abs() > CLEARLY * found.noise && found.arc_coverage > WHOLE
 }
 
 /// Share of what is not seen of a spot's edge that looks out on a gap of the ring.
