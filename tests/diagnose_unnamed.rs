@@ -213,3 +213,30 @@ fn a_curved_scale_keeps_its_name() {
         );
     }
 }
+
+/// What happens about one pose alone, in B and in C, is told as that and hides no name.
+#[test]
+fn a_scale_is_named_beside_a_bump_about_one_pose() {
+    let mut normal = normal();
+    for (again, (b0, c0)) in [(34.0, 200.0), (-16.0, 150.0), (-40.0, 90.0)].into_iter().enumerate()
+    {
+        let mut csv = String::from("b_deg,c_deg,dx_mm,dy_mm,dz_mm\n");
+        for k in 0..156 {
+            let (b, c) = (30.0 * f64::from(k % 7) - 90.0, f64::from(k * 5 % 22) * 16.0);
+            let (sin, cos) = c.to_radians().sin_cos();
+            let (from_b, from_c): (f64, f64) = ((b - b0) / 35.0, (c - c0) / 60.0);
+            let bump = 0.008 * (-0.5 * (from_b.powi(2) + from_c.powi(2))).exp();
+            let mut noise = || 0.0015 * normal();
+            let d = [bump + noise(), 5e-5 * (160.0 * sin - 15.0 * cos) + noise(), noise()];
+            writeln!(csv, "{b},{c},{:.6},{:.6},{:.6}", d[0], d[1], d[2]).unwrap();
+        }
+        let machine = format!("{BAR}[target]\nposition_mm = [160.0, -15.0, 40.0]\n");
+        let report = answer("rtcp", &machine, &csv);
+        let words = format!("{again}: {} {}", report["effects"], report["unnamed"]);
+        assert_eq!(report["effects"].as_array().unwrap().len(), 1, "{words}");
+        assert!(class(&report).contains(&"scale-y"), "{words}");
+        let told = &report["unnamed"][0];
+        assert_eq!(told["versus"], "b_deg, c_deg", "{words}");
+        assert!(told["shape"].as_str().unwrap().starts_with("bump"), "{words}");
+    }
+}

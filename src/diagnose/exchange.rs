@@ -291,10 +291,11 @@ impl Selection {
 /// Output and variable of a shape in one variable.
 fn place(shape: &Extra) -> Option<(usize, usize)> {
     match shape {
-        Extra::Generic(t) if !matches!(t.shape, Shape::Product(..) | Shape::Surface(_)) => {
-            Some((t.direction, t.variable))
-        }
-        _ => None,
+        Extra::Generic(t) => match t.shape {
+            Shape::Product(..) | Shape::Surface(_) | Shape::Hill(..) => None,
+            _ => Some((t.direction, t.variable)),
+        },
+        Extra::Form { .. } => None,
     }
 }
 

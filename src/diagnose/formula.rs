@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use crate::diagnose::basis::{Basis, level_edges, middle};
-use crate::diagnose::experiment::Layout;
+use crate::diagnose::experiment::{Layout, Variable};
 use crate::diagnose::generic::Term;
 use crate::diagnose::shape::Shape;
 
@@ -45,11 +45,14 @@ impl Term {
                 }
             }
             Shape::Bump(at, width) => {
-                let mut d = format!("({name} - {})", number(at));
-                if variable.angle {
-                    d = format!("({d} - 360*round({d}/360))");
-                }
-                sum.add(values[0], &format!("exp(-0.5*({d}/{})^2)", number(width)));
+                sum.add(values[0], &bell(variable, at, width));
+            }
+            Shape::Hill(other, at, width) => {
+                let bells = [
+                    bell(variable, at[0], width[0]),
+                    bell(&layout.variables[other], at[1], width[1]),
+                ];
+                sum.add(values[0], &bells.join("*"));
             }
         }
         // The constant that goes with the shape, where the baseline has none.
@@ -95,6 +98,15 @@ fn step(name: &str, at: f64) -> String {
     format!("(0.5 + 0.5*signum({name} - {}))", number(at))
 }
 
+/// A bell curve in a variable.
+fn bell(variable: &Variable, at: f64, width: f64) -> String {
+    let mut d = format!("({} - {})", variable.name, number(at));
+    if variable.angle {
+        d = format!("({d} - 360*round({d}/360))");
+    }
+    format!("exp(-0.5*({d}/{})^2)", number(width))
+}
+
 /// A number as formulas take it, with its sign in brackets.
 fn number(value: f64) -> String {
     if value < 0.0 { format!("({value:.9})") } else { format!("{value:.9}") }
@@ -105,7 +117,7 @@ mod tests {
     use exmex::Express;
 
     use super::*;
-    use crate::diagnose::experiment::{Direction, Variable};
+    use crate::diagnose::experiment::Direction;
     use crate::diagnose::generic::dictionary;
 
     #[test]
@@ -129,8 +141,12 @@ mod tests {
             ],
             ..Layout::default()
         };
-        let terms = dictionary(&layout);
+        let mut terms = dictionary(&layout);
+        let is_bump = |t: &&Term| matches!(t.shape, Shape::Bump(..)) && t.variable == 1;
+        let bump = *terms.iter().find(is_bump).unwrap();
+        terms.extend(bump.hills(&layout));
         for of in [
+            |s: Shape| matches!(s, Shape::Hill(..)),
             |s: Shape| matches!(s, Shape::Surface(_)),
             |s: Shape| matches!(s, Shape::Product(..)),
             |s: Shape| matches!(s, Shape::Wave(_)),

@@ -56,7 +56,7 @@ impl Term {
     pub fn is_by_capture(&self, layout: &Layout) -> bool {
         let within = |v: usize| layout.variables[v].within;
         !within(self.variable)
-            && !matches!(self.shape, Shape::Surface(v) | Shape::Product(v, ..) if within(v))
+            && !matches!(self.shape, Shape::Surface(v) | Shape::Product(v, ..) | Shape::Hill(v, ..) if within(v))
     }
 
     /// What the columns are at some observations, along a direction of factor 1: all of them, or one of every capture.
@@ -109,13 +109,12 @@ impl Term {
             }
             Shape::Bump(at, width) => {
                 let turn = layout.variables[self.variable].angle;
-                vec![column(&|x| {
-                    let mut d = x - at;
-                    if turn {
-                        d -= 360.0 * (d / 360.0).round();
-                    }
-                    (-0.5 * (d / width).powi(2)).exp()
-                })]
+                vec![column(&|x| bell(x - at, turn, width))]
+            }
+            Shape::Hill(other, place, width) => {
+                let turns = [self.variable, other].map(|v| layout.variables[v].angle);
+                let bell = |k: usize, x: f64| bell(x - place[k], turns[k], width[k]);
+                vec![x.iter().zip(&at(other)).map(|(x, y)| bell(0, *x) * bell(1, *y)).collect()]
             }
         };
         if self.shape.has_constant() {
@@ -186,7 +185,7 @@ impl Term {
     pub fn versus(&self, layout: &Layout) -> String {
         let name = |v: usize| layout.variables[v].name;
         match self.shape {
-            Shape::Surface(other) | Shape::Product(other, ..) => {
+            Shape::Surface(other) | Shape::Product(other, ..) | Shape::Hill(other, ..) => {
                 format!("{}, {}", name(self.variable), name(other))
             }
             _ => name(self.variable).into(),
@@ -205,6 +204,9 @@ impl Term {
             Shape::Product(_, p, q) => format!("product of orders {p} and {q}"),
             Shape::Surface(_) => "surface".into(),
             Shape::Bump(at, width) => format!("bump at {at:.4} of width {width:.3}"),
+            Shape::Hill(_, [a, b], [u, w]) => {
+                format!("bump at {a:.4} and {b:.4} of widths {u:.3} and {w:.3}")
+            }
         }
     }
 
@@ -241,6 +243,12 @@ impl Term {
             Shape::Bump(at, width) => {
                 format!("{output} has a bump at {variable} = {at:.4} (width {width:.3}), {size}")
             }
+            Shape::Hill(other, [a, b], [u, w]) => {
+                let other = layout.variables[other].name;
+                format!(
+                    "{output} has a bump at {variable} = {a:.4} (width {u:.3}) and {other} = {b:.4} (width {w:.3}) together, {size}"
+                )
+            }
         }
     }
 }
@@ -275,11 +283,10 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
             // Pairs of what is set for a whole capture.
             let later = layout.variables.iter().enumerate().skip(variable + 1);
             for (other, w) in later.filter(|(_, w)| !w.within && !v.within) {
-                let slow = |name: &str| ["t_s", "temp_c"].contains(&name);
                 let columns = smooth(v).len() * smooth(w).len();
                 let many = columns > sites / SITES_TO_A_LEVEL;
                 let varies = varies(&v.values) && varies(&w.values);
-                if slow(v.name) && slow(w.name) || !varies {
+                if is_slow(v) && is_slow(w) || !varies {
                     continue;
                 }
                 if !many {
@@ -294,6 +301,19 @@ pub fn dictionary(layout: &Layout) -> Vec<Term> {
         }
     }
     terms
+}
+
+/// How high a bell curve is at a distance from its middle, which for an angle is that within a turn.
+fn bell(mut distance: f64, turn: bool, width: f64) -> f64 {
+    if turn {
+        distance -= 360.0 * (distance / 360.0).round();
+    }
+    (-0.5 * (distance / width).powi(2)).exp()
+}
+
+/// Whether a variable only goes on while captures are taken.
+pub(super) fn is_slow(variable: &Variable) -> bool {
+    ["t_s", "temp_c"].contains(&variable.name)
 }
 
 /// Values of a variable that a direction sees.

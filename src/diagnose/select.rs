@@ -17,8 +17,6 @@ use crate::fit::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.
 const ALPHA_LIBRARY: f64 = 0.005;
-/// Chance of any false generic term where nothing is hidden.
-const ALPHA_GENERIC: f64 = 0.001;
 /// Chance of two false names at once where nothing is hidden.
 const ALPHA_PAIR: f64 = 0.001;
 /// How much likelier a name is than a shape beforehand, nats.
@@ -27,9 +25,6 @@ const NAME_BEFOREHAND: f64 = 2.6;
 const LEAST_SHARE: f64 = 0.01;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
 pub(super) const LEAST_CHI2: f64 = 30.0;
-/// Steps, bumps and waves of the dictionary, the best of each in a variable and output, whose place is searched more finely; beyond
-/// these, steps between captures alone.
-const PLACES_REFINED: usize = 8;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
 const FORM_SHARE: f64 = 0.1;
 /// p-value of a name, by itself, that is worth a fit.
@@ -320,59 +315,6 @@ impl Selection {
         }
     }
 
-    /// The best shape that is there beyond the chance of a false one.
-    pub(super) fn sure_generic(
-        &self,
-        fitter: &Fitter,
-        standing: &Standing,
-        f: &Fitted,
-    ) -> Option<(Who, Score)> {
-        self.best_generic(fitter, standing, f)
-            .filter(|(_, s)| s.ln_p + self.generic_tests.ln() < ALPHA_GENERIC.ln())
-    }
-
-    /// The most convincing generic shape; a step or bump with its place (and width) searched around the dictionary's.
-    pub(super) fn best_generic(
-        &self,
-        fitter: &Fitter,
-        standing: &Standing,
-        f: &Fitted,
-    ) -> Option<(Who, Score)> {
-        if !self.shapes {
-            return None;
-        }
-        let layout = fitter.experiment.layout();
-        let mut scores = standing.scores(fitter, f, &self.generic);
-        scores.sort_by(|a, b| b.evidence.total_cmp(&a.evidence));
-        let who = |s: &Score| &self.generic.candidates[s.candidate].who;
-        let placed = |s: &Score| match who(s) {
-            Who::Extra(Extra::Generic(t)) if t.shape.is_placed() => Some(*t),
-            _ => None,
-        };
-        // A step beside its place looks poorer than many a bump: between two captures no other place will do.
-        let is_sharp =
-            |t: &Term| matches!(t.shape, Shape::Step(_)) && !layout.variables[t.variable].within;
-        let mut seen = std::collections::HashSet::new();
-        let kind = |t: &Term| (t.direction, t.variable, std::mem::discriminant(&t.shape));
-        let kinds = scores
-            .iter()
-            .filter_map(|s| Some((placed(s)?, s.ln_p)))
-            .filter(|(t, _)| seen.insert(kind(t)))
-            .enumerate()
-            .filter(|(i, (t, _))| *i < PLACES_REFINED || is_sharp(t))
-            .map(|(_, placed)| placed);
-        // One kind after the other: long sweeps have many places.
-        let refined = kinds.filter_map(|(t, ln_p)| {
-            let finer = Pool::of_terms(fitter, t.around(layout));
-            let s = best(standing.scores(fitter, f, &finer))?;
-            // A better place says where, not whether: p is that of the dictionary's own place, one of the tests counted.
-            Some((finer.candidates[s.candidate].who.clone(), Score { ln_p, ..s }))
-        });
-        let refined: Vec<_> = refined.collect();
-        let coarse = scores.into_iter().next().map(|s| (who(&s).clone(), s));
-        coarse.into_iter().chain(refined).max_by(|a, b| a.1.evidence.total_cmp(&b.1.evidence))
-    }
-
     /// χ² of everything found so far, in units of the present noise.
     fn explained(&self, fitter: &Fitter) -> f64 {
         let noise = &self.fitted.noise;
@@ -428,6 +370,6 @@ pub(super) fn library_bonus(fitter: &Fitter) -> f64 {
 }
 
 /// The strongest evidence of a list.
-fn best(scores: impl IntoIterator<Item = Score>) -> Option<Score> {
+pub(super) fn best(scores: impl IntoIterator<Item = Score>) -> Option<Score> {
     scores.into_iter().max_by(|a, b| a.evidence.total_cmp(&b.evidence))
 }

@@ -22,6 +22,8 @@ pub enum Shape {
     Product(usize, u32, u32),
     /// Any smooth function of the variable and this other one together: products of low orders in each.
     Surface(usize),
+    /// A Gaussian bump over the variable and this other one: where it stands in both, with a standard deviation in each.
+    Hill(usize, [f64; 2], [f64; 2]),
 }
 
 /// Highest harmonic tried in an angle.
@@ -51,7 +53,7 @@ impl Shape {
 
     /// Whether it stands at a place, or has a number of cycles, that is searched for.
     pub fn is_placed(self) -> bool {
-        matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_))
+        matches!(self, Self::Step(_) | Self::Bump(..) | Self::Wave(_) | Self::Hill(..))
     }
 
     /// Whether it is all that there is to see by itself: what has one harmonic of a turn need not have another, a cubic is a straight line and more.
@@ -77,7 +79,7 @@ impl Shape {
         let one = variables as f64;
         let pairs = 0.5 * one * (one - 1.0);
         match self {
-            Self::Surface(_) => pairs,
+            Self::Surface(_) | Self::Hill(..) => pairs,
             Self::Product(..) => pairs * PRODUCTS,
             _ => one,
         }
@@ -90,6 +92,7 @@ impl Shape {
             Self::Surface(_) | Self::Product(..) => 0,
             Self::Step(_) | Self::Wave(_) => 1,
             Self::Bump(..) => 2,
+            Self::Hill(..) => 4,
         }
     }
 }
