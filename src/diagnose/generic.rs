@@ -3,7 +3,7 @@
 
 use std::borrow::Cow;
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, DVector};
 
 use crate::diagnose::basis::{
     Basis, distinct, goes_round, legendre, level_edges, middle, orders, smooth,
@@ -167,17 +167,22 @@ impl Term {
         if self.shape.has_constant() { all - 1 } else { all }
     }
 
-    /// Size of a wave, height of a step or bump, largest value of a polynomial, half the range of a free function, mm.
-    pub fn amplitude(&self, columns: &DMatrix<f64>, values: &[f64]) -> f64 {
-        let own = &values[..self.own_columns(values.len())];
+    /// Size of a wave, height of a step or bump, largest value of a polynomial, half the range of a free function, mm; and how it
+    /// changes with each of its own coefficients.
+    pub fn amplitude(&self, columns: &DMatrix<f64>, values: &[f64]) -> (f64, DVector<f64>) {
+        let own = self.own_columns(values.len());
+        let columns = columns.columns(0, own);
+        let values = DVector::from_column_slice(&values[..own]);
         match self.shape {
             Shape::Levels(_) | Shape::Surface(_) | Shape::Product(..) => {
-                let sums =
-                    columns.row_iter().map(|r| r.iter().zip(own).map(|(x, v)| x * v).sum::<f64>());
-                let (low, high) = range(&sums.collect::<Vec<f64>>());
-                0.5 * (high - low)
+                let sums = columns * &values;
+                let half = (columns.row(sums.imax()) - columns.row(sums.imin())) * 0.5;
+                (0.5 * (sums.max() - sums.min()), half.transpose())
             }
-            _ => own.iter().map(|v| v * v).sum::<f64>().sqrt(),
+            _ => {
+                let size = values.norm();
+                (size, values / size.max(f64::MIN_POSITIVE))
+            }
         }
     }
 

@@ -6,13 +6,11 @@ use nalgebra::DMatrix;
 use crate::diagnose::basis::legendre;
 use crate::diagnose::experiment::Active;
 use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
-use crate::diagnose::generic::Term;
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
 use crate::diagnose::scan::found;
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
-use crate::diagnose::shape::Shape;
 use crate::fit::tails::ln_f_tail;
 
 /// Chance of any false name where nothing is hidden.

@@ -32,10 +32,9 @@ pub fn shapes(fitter: &Fitter, s: &Selection) -> Vec<Unnamed> {
         let range = at..at + e.values.len();
         at = range.end;
         let values = &values[range.clone()];
-        let amplitude = term.amplitude(&e.columns, values);
-        let own = range.start..range.start + term.own_columns(values.len());
-        let variance = own.map(|c| covariance[(c, c)]).fold(0.0, f64::max);
-        let u95 = k95(f.noise.dof) * variance.sqrt();
+        let (amplitude, change) = term.amplitude(&e.columns, values);
+        let own = covariance.view((range.start, range.start), (change.len(), change.len()));
+        let u95 = k95(f.noise.dof) * change.dot(&(own * &change)).max(0.0).sqrt();
         Unnamed {
             output: layout.directions[term.direction].name.to_string(),
             versus: term.versus(layout),
