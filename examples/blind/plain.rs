@@ -280,12 +280,12 @@ pub fn case(kind: &str, sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case
             .collect(),
     };
     let mut sizes = Vec::new();
-    for e in &hidden {
+    for (nth, e) in hidden.iter().enumerate() {
         let unit: Vec<f64> = rows
             .iter()
             .flat_map(|r| e(r, 1e-6).into_iter().take(outputs).collect::<Vec<_>>())
             .collect();
-        let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
+        let z = sort.size(nth, hidden.len(), rng);
         sizes.push(z * noise * 1e-6 / length_beyond(unit, &nuisances).max(1e-15));
     }
     truth.sizes = Size::list(&truth.names, &sizes, library_size);

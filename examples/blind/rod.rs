@@ -347,10 +347,8 @@ pub fn case(sort: &Sort, index: usize, points: usize, mut own: ChaCha8Rng) -> (C
     }
     let sizes: Vec<f64> = hidden
         .iter()
-        .map(|e| {
-            let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
-            z / worth(e, &captures, points).max(1e-9)
-        })
+        .enumerate()
+        .map(|(nth, e)| sort.size(nth, hidden.len(), rng) / worth(e, &captures, points).max(1e-9))
         .collect();
     truth.sizes = Size::list(&truth.names, &sizes, library_size);
     let mut csv = String::from("capture,x_mm,y_mm,c_deg,t_s,temp_c,dir_x,dir_y,u_px,v_px\n");

@@ -327,10 +327,10 @@ pub fn case(sort: &Sort, index: usize, mut own: ChaCha8Rng) -> (Case, Truth) {
                 .collect()
         })
         .collect();
-    for e in &hidden {
+    for (nth, e) in hidden.iter().enumerate() {
         let unit: Vec<f64> = rows.iter().flat_map(|r| e(r, 1e-6)).collect();
         let seen = length_beyond(unit, &nuisance) / 1e-6;
-        let z = if hidden.len() > 1 { sort.z * rng.random_range(1.0..2.5) } else { sort.z };
+        let z = sort.size(nth, hidden.len(), rng);
         let size = if seen > 1e-6 { z * NOISE_MM / seen } else { 0.05 };
         sizes.push(size);
     }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use pivotsight::diagnose::report::{NamedEffect, Report, Verdict};
 use pivotsight::diagnose::run::{Options, diagnose};
+use rand::RngExt;
 
 use crate::Case;
 use crate::sealed::Truth;
@@ -22,10 +23,20 @@ pub struct Sort {
     pub repeats: usize,
     /// A poor design (one C angle, monotonic order).
     pub poor: bool,
+    /// How many times larger the first of them is.
+    pub first: f64,
 }
 
 const fn sort(name: &'static str, known: usize, unknown: u8, z: f64, repeats: usize) -> Sort {
-    Sort { name, known, unknown, z, repeats, poor: false }
+    Sort { name, known, unknown, z, repeats, poor: false, first: 1.0 }
+}
+
+impl Sort {
+    /// Size in standard errors of the `nth` of `all` that are hidden.
+    pub fn size(&self, nth: usize, all: usize, rng: &mut impl RngExt) -> f64 {
+        let larger = if nth == 0 { self.first } else { 1.0 };
+        larger * if all > 1 { self.z * rng.random_range(1.0..2.5) } else { self.z }
+    }
 }
 
 /// All sorts.
@@ -41,7 +52,9 @@ pub const SORTS: &[Sort] = &[
     sort("unknown z20", 0, 1, 20.0, 0),
     sort("outside z20 repeats", 0, 2, 20.0, 20),
     sort("known+unknown z15", 1, 1, 15.0, 20),
-    Sort { name: "poor z15", known: 1, unknown: 0, z: 15.0, repeats: 0, poor: true },
+    Sort { poor: true, ..sort("poor z15", 1, 0, 15.0, 0) },
+    sort("large z300", 1, 0, 300.0, 0),
+    Sort { first: 20.0, ..sort("large and small", 2, 0, 15.0, 0) },
 ];
 
 /// Counts of one sort.

@@ -7,6 +7,7 @@ use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
 use crate::diagnose::report::NamedEffect;
+use crate::diagnose::resolution::rounded_to_mm;
 use crate::diagnose::select::Selection;
 use crate::machine::DataKind;
 
@@ -107,6 +108,9 @@ pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
             "--noise-mm {given} is far less than repeated captures differ by, {seen:.5} mm: what they differ by is then no noise, and hides effects"
         ));
     }
+    doubts.extend(rounded_to_mm(fitter, &s.fitted).map(|step| {
+        format!("readings are rounded to {step} mm, more coarsely than they scatter: what is smaller is not told")
+    }));
     if fitter.space.serial().is_some() {
         let residual = &s.fitted.residual;
         let rms = (residual.iter().map(|r| r * r).sum::<f64>() / residual.len() as f64).sqrt();

@@ -30,6 +30,7 @@ pub mod plan;
 pub mod pool;
 mod repeats;
 pub mod report;
+mod resolution;
 mod rim;
 mod rivalry;
 pub mod run;

@@ -8,6 +8,7 @@ use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::parts::{Part, beside_the_rest};
+use crate::diagnose::resolution::steps_mm;
 use crate::fit::robust::scatter;
 use crate::fit::tails::f_quantile;
 
@@ -57,6 +58,9 @@ fn limit(values: usize) -> f64 {
 /// else says what it should have been.
 const LEAST_LEFT: f64 = 0.3;
 
+/// A rounded reading that is off by no more than so many steps may be so by chance.
+const ROUNDED_OFF: f64 = 1.5;
+
 /// Observations that a fit leaves far away: beyond a 0.1 % chance in the whole set. What is left of each is counted in units of what
 /// the fit leaves of noise there: a shape of many coefficients follows a slipped reading part of the way. Of a capture whose shared parts
 /// are far, all of them.
@@ -69,7 +73,11 @@ pub(super) fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let own = |row: usize| white[(row, 0)] / left(row).sqrt();
     let rest: Vec<f64> = (0..n).map(|i| own(top + i)).collect();
     let is_far = beyond(&rest, |i| fitter.space.kept(i), &layout.classes);
-    let alone: Vec<usize> = (0..n).filter(|&i| fitter.space.kept(i) && is_far[i]).collect();
+    // What is rounded may be a step off.
+    let steps = steps_mm(layout);
+    let is_off = |i: usize| f.residual[i].abs() > ROUNDED_OFF * steps[layout.classes[i]];
+    let alone: Vec<usize> =
+        (0..n).filter(|&i| fitter.space.kept(i) && is_far[i] && is_off(i)).collect();
     if layout.random.is_empty() {
         return alone;
     }

@@ -18,6 +18,7 @@ use crate::diagnose::outliers::whole_captures;
 use crate::diagnose::parts::{Part, contribution, without};
 use crate::diagnose::repeats::repeats_ln_p;
 use crate::diagnose::report::{Gap, NamedEffect, Outlier, Report, Residuals, Verdict, Where};
+use crate::diagnose::resolution::rounded_to_mm;
 use crate::diagnose::screen::{Screened, screen};
 use crate::diagnose::select::Selection;
 use crate::diagnose::sizes;
@@ -102,8 +103,8 @@ fn lack_of_fit(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     let white = fitter.whiten_residual(f, &f.noise);
     let mut ln_p: Option<f64> = None;
     let mut tests = 0.0;
-    if quieter(fitter, f).is_some() {
-        // Repeats may tell what is smaller than the noise given, which the user calls noise.
+    if quieter(fitter, f).is_some() || rounded_to_mm(fitter, f).is_some() {
+        // Repeats may tell what is smaller than the noise given, which the user calls noise; rounded readings repeat themselves.
         return Some(1.0);
     }
     if let Some((chi2, dof)) = against_given(fitter, f, &white) {

@@ -9,6 +9,7 @@ use rand_distr::{Distribution, StandardNormal};
 use crate::diagnose::algebra::{orthonormal, root};
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::pool::{Candidate, Pool, Projected};
+use crate::diagnose::resolution::rounding_share;
 use crate::fit::tails::{ln_chi2_tail, ln_f_tail};
 
 /// A candidate's score.
@@ -66,6 +67,8 @@ pub struct Standing {
     /// How far the squares exceed the degrees of freedom: what has been put back by `without`.
     excess: f64,
     fixed: bool,
+    /// The part of the noise's variance that the readings' rounding is, which nothing explains.
+    rounding: f64,
 }
 
 impl Standing {
@@ -105,7 +108,14 @@ impl Standing {
         let dof: Vec<f64> = dimensions.iter().map(|d| d * (1.0 - used / total.max(1.0))).collect();
         let excess = (white.norm_squared() - (total - used)).max(0.0);
         let fixed = fitter.given_mm.is_some() && fitted.noise.ratios.is_empty();
-        Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed }
+        let rounding = rounding_share(fitter, fitted);
+        Self { basis, residual: white.column(0).into_owned(), dof, excess, fixed, rounding }
+    }
+
+    /// χ² without what only the readings' rounding can be.
+    fn beyond_rounding(&self, dof: f64, chi2: f64) -> f64 {
+        let most = self.excess + (1.0 - self.rounding) * dof;
+        if self.rounding > 0.0 { chi2.min(most) } else { chi2 }
     }
 
     /// Scores every candidate of a pool.
@@ -121,6 +131,7 @@ impl Standing {
                     return None;
                 }
                 let dof = self.dof_of(fitter, &x, index, c).max(rank as f64 + 1.0);
+                let chi2 = self.beyond_rounding(dof, chi2);
                 let gain2 = self.likelihood_gain2(dof, chi2);
                 let evidence = match c.free {
                     true => gain_of_free(gain2, rank as f64, groups.ln()),
@@ -163,6 +174,7 @@ impl Standing {
                 let (chi2, rank) = gram_chi2(&gram, &along, &both);
                 let price = 0.5 * (rank + a.shape_parameters + b.shape_parameters) as f64;
                 let dof = dof(i).min(dof(j)).max(rank as f64 + 1.0);
+                let chi2 = self.beyond_rounding(dof, chi2);
                 let gain = 0.5 * self.likelihood_gain2(dof, chi2) - price * groups.ln();
                 let score = self.score(fitter, fitted, i, dof, (chi2, rank));
                 let score = Score { evidence: gain - a.choice - b.choice, ..score };

@@ -9,6 +9,7 @@ use crate::diagnose::fit::{Extra, Fitted, Fitter, Model};
 use crate::diagnose::pairs::best_pairs;
 use crate::diagnose::parts::{Part, add, contribution, part_chi2, with_extra};
 use crate::diagnose::pool::{Pool, Who, choice};
+use crate::diagnose::resolution::rounded_to_mm;
 use crate::diagnose::scan::found;
 use crate::diagnose::score::{Score, Standing, effective_tests, gain_of_free};
 use crate::fit::tails::ln_f_tail;
@@ -21,6 +22,8 @@ const ALPHA_PAIR: f64 = 0.001;
 const NAME_BEFOREHAND: f64 = 2.6;
 /// Share of the explained variance that a further effect must have (a tenth of the gap).
 const LEAST_SHARE: f64 = 0.01;
+/// The same of a name that no wrong form of the others could be.
+const LEAST_SHARE_APART: f64 = 4e-4;
 /// χ² a further effect must have: below it, a wrong functional form of the first is as likely a cause.
 pub(super) const LEAST_CHI2: f64 = 30.0;
 /// A remainder under this share of a named effect's own χ², in its own variable, is put down to its form.
@@ -93,6 +96,9 @@ impl Selection {
     pub(super) fn grow(&mut self, fitter: &Fitter) {
         let mut tried: Vec<Model> = Vec::new();
         for _ in 0..MOST_PARTS {
+            if rounded_to_mm(fitter, &self.fitted).is_some() {
+                break;
+            }
             let next = self.next(fitter).or_else(|| self.two_in_hiding(fitter));
             let Some(next) = next else { break };
             if tried.iter().any(|t| t.has_same_parts(&next)) {
@@ -229,16 +235,12 @@ impl Selection {
             let scores = beside.scores(fitter, f, &self.library);
             !scores.iter().any(|s| s.candidate == l.candidate && self.is_sure(s))
         };
-        let library = rivals.library.filter(|l| {
-            let least = LEAST_SHARE * explained;
-            big(l)
-                || (loose
-                    && shapes == 0
-                    && l.cleared_excess() > least
-                    && !terms.is_empty()
-                    && !of_form(l))
-        });
-        let generic = rivals.generic.filter(|(_, g)| big(g) && shapes < MOST_SHAPES);
+        let small = |s: &Score| s.cleared_excess() > LEAST_SHARE_APART * explained;
+        let apart = |l: &Score| !loose || (shapes == 0 && !terms.is_empty() && !of_form(l));
+        let library = rivals.library.filter(|l| big(l) || (small(l) && apart(l)));
+        let generic = rivals
+            .generic
+            .filter(|(_, g)| (big(g) || (!loose && small(g))) && shapes < MOST_SHAPES);
         Rivals { library, generic }
     }
 

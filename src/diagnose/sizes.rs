@@ -9,6 +9,7 @@ use crate::diagnose::classes::Rival;
 use crate::diagnose::experiment::{Active, Parameter};
 use crate::diagnose::fit::{Fitted, Fitter};
 use crate::diagnose::parts::{Part, add, remove};
+use crate::diagnose::resolution::widening;
 use crate::diagnose::select::Selection;
 use crate::uncertainty::{K95, k95};
 
@@ -95,9 +96,10 @@ fn sizes(fitter: &Fitter, f: &Fitted, i: usize) -> Vec<(String, f64, f64)> {
         let white = fitter.whiten(&f.tangent, &f.noise);
         (&f.covariance * white.tr_mul(&white)).diagonal()
     });
+    let wider = widening(fitter, f);
     let sd = |k: usize| match &shown {
         Some(part) if part[k] < LEAST_SHOWN => f64::INFINITY,
-        _ => f.covariance[(k, k)].max(0.0).sqrt(),
+        _ => wider * f.covariance[(k, k)].max(0.0).sqrt(),
     };
     fitter.experiment.effects()[own.effect].forms[own.form]
         .iter()
