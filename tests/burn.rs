@@ -345,3 +345,26 @@ fn a_burn_on_a_smooth_plate_is_measured_in_uneven_light() {
         }
     }
 }
+
+/// Light that the bottom of a dark spot throws back, off its middle, is brighter than the spot is dark: the spot is what is measured.
+#[test]
+fn a_glint_in_a_spot_is_not_the_spot() {
+    let center = Vector2::new(318.3, 241.6);
+    let offset_px = Vector2::new(-13.4, 9.7);
+    let inside = |r_px: f64, soft_px: f64, p: Vector2<f64>| {
+        1.0 / (1.0 + (1.7 * (p.norm() - r_px) / soft_px).exp())
+    };
+    for (glint_px, at_px) in [(10.0, [9.0, -6.0]), (13.0, [3.0, 10.0]), (8.0, [-14.0, 0.0])] {
+        let glint_at = center + offset_px + Vector2::from(at_px);
+        let found = measure(&picture(|p| {
+            let ring = inside(150.0, 4.0, p - center);
+            let spot = inside(28.0, 1.5, p - center - offset_px);
+            let glint = inside(glint_px, 1.0, p - glint_at);
+            PLATE * (1.0 - 0.6 * ring) * (1.0 - 0.6 * spot) + 110.0 * glint
+        }))
+        .unwrap();
+        let [x_mm, y_mm] = found.report.offset.offset_u95_mm;
+        let (off_mm, u95_mm) = (off_mm(&found, offset_px), x_mm.hypot(y_mm));
+        assert!(off_mm < u95_mm && off_mm < 0.01, "{glint_px}: off by {off_mm} of {u95_mm}");
+    }
+}

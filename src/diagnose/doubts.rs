@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::diagnose::basis::distinct;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::Fitter;
 use crate::diagnose::parts::{Part, contribution};
@@ -98,6 +99,19 @@ pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
         ))
     }));
     let layout = fitter.experiment.layout();
+    doubts.extend(model.active.iter().filter_map(|named| {
+        let info = &effects[named.effect];
+        let mut form = info.forms[named.form].iter().zip(&named.values);
+        let lag_s = *form.find(|(p, _)| p.name == "lag_s")?.1;
+        let gap_s = longest_gap_s(layout)?;
+        (gap_s > lag_s).then(|| {
+            format!(
+                "{}: nothing was read for up to {gap_s:.0} s, longer than its lag: what the temperatures did meanwhile is not known, and lag_s \
+                 and the size are less sure than they are stated",
+                info.name
+            )
+        })
+    }));
     doubts.extend(copies(layout).map(|count| {
         format!("all {count} repeated captures are the same to the last digit: copies tell nothing of the noise")
     }));
@@ -134,6 +148,12 @@ pub fn of_answer(fitter: &Fitter, s: &Selection, pairs: &[Option<[usize; 2]>]) -
         doubts.push(format!("the data are up to {most:.1} mm off the model, {check}"));
     }
     doubts
+}
+
+/// The longest time between captures, s.
+fn longest_gap_s(layout: &Layout) -> Option<f64> {
+    let times = layout.variables.iter().find(|v| v.name == "t_s")?;
+    distinct(&times.values).windows(2).map(|w| w[1] - w[0]).max_by(f64::total_cmp)
 }
 
 /// Standard deviation of a value among captures at one site, mm; `None` without such, or where captures see edges of their own.

@@ -1,12 +1,34 @@
-//! The spot within the halo that its heat has left about it: where a halo was measured, a circle inside it may tell far better where the
-//! spot is.
+//! What lies about a spot and within it: the halo that its heat has left, inside which a circle may tell far better where the spot is, and the
+//! glint on its bottom, about which the spot is.
 
+use crate::find::Candidate;
 use crate::fit::Circle;
 use crate::measure::points::Search;
 use crate::measure::ring::{self, Ring};
 use crate::measure::spot::{Inside, WHOLE};
 
 impl Inside<'_> {
+    /// The dark spot that a light circle in it, off its middle, is the glint of.
+    pub(super) fn around_glint(&self, found: &Ring, spots: &[Candidate]) -> Option<Ring> {
+        /// How much larger it is at least, and how far past its edge a glint may seem to reach.
+        const LARGER: f64 = 1.3;
+        const PAST: f64 = 1.1;
+        /// How far off its middle the glint lies, in its radii: a light spot in the dark tint that its heat has left lies in the middle.
+        const OFF: f64 = 0.1;
+        if found.contrast >= 0.0 {
+            return None;
+        }
+        let glint = found.seen(self.view);
+        let holds = |dark: &&Candidate| {
+            let apart = (dark.circle.center - glint.center).norm();
+            dark.step > 0.0
+                && dark.circle.radius > LARGER * glint.radius
+                && apart + glint.radius < PAST * dark.circle.radius
+                && apart > OFF * dark.circle.radius
+        };
+        spots.iter().filter(holds).find_map(|dark| self.measure(dark))
+    }
+
     /// A circle within a spot that tells far better where it is, or is far clearer: what was found is its halo.
     pub(super) fn within_halo(&self, found: &Ring) -> Option<Ring> {
         /// Where it is looked for, in the spot's radii.

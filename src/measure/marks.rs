@@ -246,7 +246,7 @@ impl<'a> Scene<'a> {
             let inside = spot::Inside { frame, view, ring: &ring, edges: &edges, place };
             let clear =
                 spots.iter().filter(|s| self.stands_out(look, s, outer, Sides::Disc)).take(TRIES);
-            if let Some(spot) = inside.measure_likeliest(clear, outer) {
+            if let Some(spot) = inside.measure_likeliest(clear, &spots, outer) {
                 // The light of a lone spot's surroundings falls off in a circle, too.
                 if find::is_fall_off(self.look, ring.seen(self.view)) {
                     return Attempt::Flawed(Flaw::Other);

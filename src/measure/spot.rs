@@ -66,6 +66,7 @@ impl Inside<'_> {
     pub(super) fn measure_likeliest<'c>(
         &self,
         clear: impl Iterator<Item = &'c Candidate>,
+        all: &[Candidate],
         outer: &Candidate,
     ) -> Option<Ring> {
         let mut clear = clear.peekable();
@@ -76,7 +77,8 @@ impl Inside<'_> {
             // What is likeliest is not left for what is easier to measure.
             let nearby = || if nth == 0 { self.measure_nearby(s) } else { None };
             if let Some(found) = self.measure(s).or_else(nearby) {
-                return Some(self.within_halo(&found).unwrap_or(found));
+                let about = self.around_glint(&found, all);
+                return about.or_else(|| self.within_halo(&found)).or(Some(found));
             }
             if nth == 0 && self.is_lost(s) {
                 return None;
@@ -94,7 +96,7 @@ impl Inside<'_> {
     }
 
     /// Measures a spot, looking as far to both sides of its edge as there is anything to learn.
-    fn measure(&self, spot: &Candidate) -> Option<Ring> {
+    pub(super) fn measure(&self, spot: &Candidate) -> Option<Ring> {
         let (rough, search) = self.search(spot);
         let mut found = self.look(spot, rough, search)?;
         if strayed(&found, rough) {
