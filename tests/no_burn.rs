@@ -244,3 +244,30 @@ fn a_speck_among_others_like_it_is_no_spot() {
     let found = specks(strewn.len()).map(|m| m.report.spot.diameter_mm);
     assert!(found.is_err(), "{found:?}");
 }
+
+/// What a lamp out of focus leaves on the bare plate within an annulus does not tell how large it is: no spot.
+#[test]
+fn a_blurred_lamp_within_an_annulus_is_no_spot() {
+    let center = Vector2::new(318.3, 241.6);
+    let inside = |r_px: f64, soft_px: f64, p: Vector2<f64>| {
+        1.0 / (1.0 + (1.7 * (p.norm() - r_px) / soft_px).exp())
+    };
+    for (radius_px, soft_px, at) in
+        [(36.0, 15.0, [60.0, 20.0]), (40.0, 18.0, [-50.0, 45.0]), (36.0, 18.0, [40.0, -55.0])]
+    {
+        let lamp = center + Vector2::from(at);
+        let seen = picture(|p| {
+            let around = [[0.0, 0.0], [150.0, -60.0], [-120.0, -150.0], [90.0, 120.0]];
+            let lamps: f64 = around
+                .iter()
+                .map(|d| inside(radius_px, soft_px, p - lamp - Vector2::from(*d)))
+                .sum();
+            let uneven =
+                (0.031 * p.x + 0.017 * p.y + 1.0).sin() * (0.019 * p.y - 0.011 * p.x).sin();
+            let ring = inside(150.0, 3.0, p - center) - inside(110.0, 3.0, p - center);
+            (70.0 + 80.0 * lamps + 20.0 * uneven) * (1.0 - 0.75 * ring)
+        });
+        let found = measure(&seen).map(|m| (m.report.spot.center_px, m.report.spot.diameter_mm));
+        assert!(found.is_err(), "{radius_px} {soft_px}: {found:?}");
+    }
+}

@@ -32,6 +32,8 @@ const CRATER: f64 = 0.4;
 /// lighter than its surroundings so far from the ring's centre (in its radii) is one.
 const BUMP_SOFT: f64 = 0.35;
 const BUMP_FAR: f64 = 0.15;
+/// So is what does not tell how large it is: standard deviation of its radius, in radii.
+const VAGUE: f64 = 0.05;
 /// A spot whose step is so small a part of the ring's may as well be the burn's own texture: it must be whole and all the surer.
 const FAINT: f64 = 0.15;
 /// How many softnesses either side of its edge a spot is looked at where more leads astray, in turn.
@@ -173,7 +175,8 @@ impl Inside<'_> {
         let is_far = (found.circle.center - ring.center).norm() > BUMP_FAR * ring.radius;
         let least = if found.clipped_inside { SOFT_BROKEN } else { BUMP_SOFT };
         let softness = found.softness_px * self.view.pixel_mm() / found.circle.radius;
-        found.contrast < 0.0 && is_far && softness > least
+        let is_vague = found.covariance[(2, 2)].sqrt() > VAGUE * found.circle.radius;
+        found.contrast < 0.0 && is_far && (softness > least || is_vague)
     }
 
     pub(super) fn is_spot(&self, found: &Ring, rough: Circle) -> bool {
