@@ -210,7 +210,7 @@ fn unseen(nominal_mm: Option<f64>) -> Error {
         "captures",
         format!("no rim of a rod{} is seen on which they agree", named.unwrap_or_default()),
         format!(
-            "check {option}the pictures, the machine positions (x_mm, y_mm) and the calibration's signs"
+            "check {option}the pictures (they should show several sides of the rod), the machine positions (x_mm, y_mm) and the calibration's signs"
         ),
     )
 }
