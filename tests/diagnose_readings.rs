@@ -43,7 +43,7 @@ fn rounded_sweep(noise_mm: f64, y_um_per_m: f64, normal: &mut impl FnMut() -> f6
         let (b, c) = (30.0 * f64::from(k % 7) - 90.0, f64::from(k * 5 % 22) * 16.0);
         let (sin, cos) = c.to_radians().sin_cos();
         let dy = 1e-6 * y_um_per_m * (160.0 * sin - 15.0 * cos);
-        let moved = [0.013 * cos + 0.008 * sin, 0.013 * sin - 0.008 * cos + dy, 0.004];
+        let moved = [0.013 * cos + 0.008 * sin, 0.013 * sin - 0.008 * cos + dy, 0.001];
         let [dx, dy, dz] = moved.map(|v: f64| ((v + noise_mm * normal()) / 0.01).round() * 0.01);
         writeln!(csv, "{b},{c},{dx:.2},{dy:.2},{dz:.2}").unwrap();
     }

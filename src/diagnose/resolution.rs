@@ -72,13 +72,18 @@ pub fn steps_mm(layout: &Layout) -> Vec<f64> {
         return vec![0.0; kinds];
     }
     let steps = || POWERS.rev().flat_map(|power| [5.0, 2.0, 1.0].map(|n| n * 10f64.powi(power)));
-    let of = |kind: usize| {
+    let of = |kind: usize| -> Option<f64> {
+        let own = || layout.values.iter().zip(&layout.classes).filter(|(_, c)| **c == kind);
         let whole = |step: &f64| {
             let off = |v: f64| (v / step - (v / step).round()).abs();
-            let own = layout.values.iter().zip(&layout.classes).filter(|(_, c)| **c == kind);
-            own.map(|(v, _)| off(*v)).all(|off| off < 1e-4)
+            own().map(|(v, _)| off(*v)).all(|off| off < 1e-4)
         };
-        steps().find(whole).unwrap_or(0.0)
+        // Zeros are whole numbers of any step.
+        let tells = own().any(|(v, _)| *v != 0.0);
+        tells.then(|| steps().find(whole).unwrap_or(0.0))
     };
-    (0..kinds).map(of).collect()
+    let told: Vec<Option<f64>> = (0..kinds).map(of).collect();
+    // What reads zero throughout is read as the others are.
+    let others = told.iter().flatten().copied().fold(0.0, f64::max);
+    told.into_iter().map(|step| step.unwrap_or(others)).collect()
 }
