@@ -8,6 +8,7 @@ use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::{Active, Experiment};
 use crate::diagnose::generic::Term;
 use crate::diagnose::noise::{Noise, Space};
+use crate::diagnose::resolution::steps_mm;
 use crate::fit::least_squares;
 
 /// What an extra linear term stands for.
@@ -104,9 +105,17 @@ pub struct Fitter<'a> {
     pub space: Space,
     /// Independent noise where it is given, mm.
     pub given_mm: Option<f64>,
+    /// Steps to which the readings of each class are rounded, mm; 0 where they are not.
+    pub steps_mm: Vec<f64>,
 }
 
-impl Fitter<'_> {
+impl<'a> Fitter<'a> {
+    /// Of an experiment's observations in their space.
+    pub fn new(experiment: &'a dyn Experiment, space: Space, given_mm: Option<f64>) -> Self {
+        let steps_mm = steps_mm(experiment.layout());
+        Self { experiment, space, given_mm, steps_mm }
+    }
+
     /// The baseline alone.
     pub fn baseline(&self) -> Model {
         let nuisances = self.experiment.nuisances().iter().map(|p| p.start).collect();

@@ -21,7 +21,7 @@ impl Term {
     pub fn hills(&self, layout: &Layout) -> Vec<Self> {
         let d = &layout.directions[self.direction];
         let v = &layout.variables[self.variable];
-        if d.is_part || v.within || layout.variables.len() < 2 {
+        if d.is_part || v.within {
             return Vec::new();
         }
         let here = match self.shape {
@@ -35,16 +35,11 @@ impl Term {
             }
             _ => false,
         };
-        let hills = |(other, w): (usize, &Variable)| -> Vec<Shape> {
-            let there = bumps(w);
-            let both = here.iter().flat_map(|a| there.iter().map(move |b| (a, b)));
-            both.map(|(a, b)| Shape::Hill(other, [a.0, b.0], [a.1, b.1])).collect()
-        };
-        let all = layout.variables.iter().enumerate().filter(beside).flat_map(hills);
-        all.map(|shape| Self { shape, ..*self }).collect()
+        let others = layout.variables.iter().enumerate().filter(beside);
+        others.flat_map(|(other, w)| self.over_both(&here, other, &bumps(w))).collect()
     }
 
-    /// The same bump at places and widths about its own, which are `step` of the dictionary's apart.
+    /// The same bump at places and widths about its own: `step` of its widths apart, and as many powers of the finer widths.
     pub(super) fn hills_around(&self, layout: &Layout, step: f64) -> Vec<Self> {
         let Shape::Hill(other, at, width) = self.shape else { return Vec::new() };
         let about = |variable: usize, at: f64, width: f64| -> Vec<(f64, f64)> {
@@ -54,7 +49,11 @@ impl Term {
             seen.flat_map(|at| FINER_WIDTHS.map(|f| (at, width * f.powf(step)))).collect()
         };
         let here = about(self.variable, at[0], width[0]);
-        let there = about(other, at[1], width[1]);
+        self.over_both(&here, other, &about(other, at[1], width[1]))
+    }
+
+    /// Bumps of every place and width here with every one `there`, in the `other` variable.
+    fn over_both(&self, here: &[(f64, f64)], other: usize, there: &[(f64, f64)]) -> Vec<Self> {
         let both = here.iter().flat_map(|a| there.iter().map(move |b| (a, b)));
         both.map(|(a, b)| Shape::Hill(other, [a.0, b.0], [a.1, b.1]))
             .map(|shape| Self { shape, ..*self })

@@ -8,7 +8,6 @@ use crate::diagnose::algebra::orthonormal;
 use crate::diagnose::experiment::Layout;
 use crate::diagnose::fit::{Extra, Fitted, Fitter};
 use crate::diagnose::parts::{Part, beside_the_rest};
-use crate::diagnose::resolution::steps_mm;
 use crate::fit::robust::scatter;
 use crate::fit::tails::f_quantile;
 
@@ -74,8 +73,7 @@ pub(super) fn far(fitter: &Fitter, f: &Fitted, layout: &Layout) -> Vec<usize> {
     let rest: Vec<f64> = (0..n).map(|i| own(top + i)).collect();
     let is_far = beyond(&rest, |i| fitter.space.kept(i), &layout.classes);
     // What is rounded may be a step off.
-    let steps = steps_mm(layout);
-    let is_off = |i: usize| f.residual[i].abs() > ROUNDED_OFF * steps[layout.classes[i]];
+    let is_off = |i: usize| f.residual[i].abs() > ROUNDED_OFF * fitter.steps_mm[layout.classes[i]];
     let alone: Vec<usize> =
         (0..n).filter(|&i| fitter.space.kept(i) && is_far[i] && is_off(i)).collect();
     if layout.random.is_empty() {

@@ -22,11 +22,8 @@ const ABSORBED: &str = "the baseline absorbs it on this plan";
 pub fn detectable(experiment: &dyn Experiment, noise_mm: f64) -> Result<Vec<Detectable>> {
     above_zero("--noise-mm", noise_mm, "give a size in mm")?;
     let layout = experiment.layout();
-    let fitter = Fitter {
-        experiment,
-        space: Space::new(layout, &vec![true; layout.values.len()]),
-        given_mm: Some(noise_mm),
-    };
+    let space = Space::new(layout, &vec![true; layout.values.len()]);
+    let fitter = Fitter::new(experiment, space, Some(noise_mm));
     let base = fitter.baseline();
     let predicted = fitter.predict(&base);
     let tangent = fitter.tangent(&base, &predicted);

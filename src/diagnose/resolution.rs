@@ -17,7 +17,7 @@ const FEWEST: usize = 8;
 pub fn rounded_to_mm(fitter: &Fitter, f: &Fitted) -> Option<f64> {
     let layout = fitter.experiment.layout();
     let mut coarsest = None;
-    for (kind, step) in steps_mm(layout).into_iter().enumerate() {
+    for (kind, &step) in fitter.steps_mm.iter().enumerate() {
         let own = |i: &usize| layout.classes[*i] == kind && fitter.space.kept(*i);
         let squares: Vec<f64> =
             (0..f.residual.len()).filter(own).map(|i| f.residual[i].powi(2)).collect();
@@ -36,7 +36,7 @@ pub fn rounded_to_mm(fitter: &Fitter, f: &Fitted) -> Option<f64> {
 pub fn rounding_share(fitter: &Fitter, f: &Fitted) -> f64 {
     const COUNTS: f64 = 1e-3;
     let layout = fitter.experiment.layout();
-    let of_kind: Vec<f64> = (steps_mm(layout).iter().zip(&f.noise.sigma_mm))
+    let of_kind: Vec<f64> = (fitter.steps_mm.iter().zip(&f.noise.sigma_mm))
         .map(|(step, sigma)| (step * step / (12.0 * sigma * sigma)).min(1.0))
         .collect();
     let kept = (0..layout.values.len()).filter(|i| fitter.space.kept(*i));
@@ -55,12 +55,11 @@ pub fn widening(fitter: &Fitter, f: &Fitted) -> f64 {
     }
     let layout = fitter.experiment.layout();
     let sites = layout.sites.iter().max().map_or(1, |last| last + 1);
-    let readings = (0..=layout.classes.iter().copied().max().unwrap_or(0)).map(|kind| {
-        let own = layout.values.iter().zip(&layout.classes).filter(|(_, c)| **c == kind);
-        let own: Vec<f64> = own.map(|(v, _)| *v).collect();
+    let different = (0..fitter.steps_mm.len()).map(|kind| {
+        let own: Vec<f64> = readings(layout, kind).collect();
         if own.is_empty() { 0 } else { distinct(&own).len() }
     });
-    let alike = readings.max().filter(|most| *most <= FEW).unwrap_or(sites);
+    let alike = different.max().filter(|most| *most <= FEW).unwrap_or(sites);
     (layout.group_count() as f64 / alike as f64).sqrt()
 }
 
@@ -73,17 +72,22 @@ pub fn steps_mm(layout: &Layout) -> Vec<f64> {
     }
     let steps = || POWERS.rev().flat_map(|power| [5.0, 2.0, 1.0].map(|n| n * 10f64.powi(power)));
     let of = |kind: usize| -> Option<f64> {
-        let own = || layout.values.iter().zip(&layout.classes).filter(|(_, c)| **c == kind);
         let whole = |step: &f64| {
             let off = |v: f64| (v / step - (v / step).round()).abs();
-            own().map(|(v, _)| off(*v)).all(|off| off < 1e-4)
+            readings(layout, kind).all(|v| off(v) < 1e-4)
         };
         // Zeros are whole numbers of any step.
-        let tells = own().any(|(v, _)| *v != 0.0);
+        let tells = readings(layout, kind).any(|v| v != 0.0);
         tells.then(|| steps().find(whole).unwrap_or(0.0))
     };
     let told: Vec<Option<f64>> = (0..kinds).map(of).collect();
     // What reads zero throughout is read as the others are.
     let others = told.iter().flatten().copied().fold(0.0, f64::max);
     told.into_iter().map(|step| step.unwrap_or(others)).collect()
+}
+
+/// The readings of one class.
+fn readings(layout: &Layout, kind: usize) -> impl Iterator<Item = f64> {
+    let all = layout.values.iter().zip(&layout.classes);
+    all.filter(move |(_, class)| **class == kind).map(|(value, _)| *value)
 }

@@ -122,7 +122,7 @@ pub fn weigh(
     let experiment = fitter.experiment.with_plan(captures);
     let layout = experiment.layout();
     let space = Space::new(layout, &vec![true; layout.values.len()]);
-    let plan = Fitter { experiment: experiment.as_ref(), space, given_mm: fitter.given_mm };
+    let plan = Fitter::new(experiment.as_ref(), space, fitter.given_mm);
     let before = layout.group_count() - captures.len();
     let noise = selection.fitted.noise.without_rim(&fitter.space);
     // A path of its own has a cup of its own.

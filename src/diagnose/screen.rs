@@ -39,7 +39,7 @@ pub fn screen(experiment: &dyn Experiment, given_mm: Option<f64>) -> Screened<'_
         return likelier(first, second);
     }
     let mut suspected = vec![{
-        let fitter = Fitter { experiment, space: space(experiment, &[], given_mm, 0.0), given_mm };
+        let fitter = Fitter::new(experiment, space(experiment, &[], given_mm, 0.0), given_mm);
         far(&fitter, &fitter.fit(fitter.baseline(), None), layout)
     }];
     if !model.extras.is_empty() && !model.active.is_empty() {
@@ -176,7 +176,7 @@ fn settle<'a>(
 ) -> Screened<'a> {
     let run = |outliers: &[usize]| {
         let space = space(experiment, outliers, given_mm, serial);
-        let fitter = Fitter { experiment, space, given_mm };
+        let fitter = Fitter::new(experiment, space, given_mm);
         let selection = select(&fitter);
         (fitter, selection)
     };
@@ -211,6 +211,6 @@ fn space(
         return Space::with_serial(layout, &keep, serial);
     }
     let space = Space::new(layout, &keep);
-    let fitter = Fitter { experiment, space, given_mm };
+    let fitter = Fitter::new(experiment, space, given_mm);
     if is_rough(&fitter) { Space::with_rim(layout, &keep) } else { fitter.space }
 }
